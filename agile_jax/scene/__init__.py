@@ -1,0 +1,20 @@
+"""The scene: obstacles, target, torso envelope, start distribution and exact clearance."""
+
+from agile_jax.scene.scene import POSE_NAMES, POSE_SIZE, Scene, clearance, make_scene, obstacle_clearances
+from agile_jax.scene.settings import BoxSettings, SceneSettings, StartSettings, TableSettings
+from agile_jax.scene.starts import Starts, sample_starts
+
+__all__ = [
+    "POSE_NAMES",
+    "POSE_SIZE",
+    "BoxSettings",
+    "Scene",
+    "SceneSettings",
+    "StartSettings",
+    "Starts",
+    "TableSettings",
+    "clearance",
+    "make_scene",
+    "obstacle_clearances",
+    "sample_starts",
+]

@@ -1,0 +1,79 @@
+"""Settings of the scene: the target, the obstacles, the torso's envelope and where the robot starts."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from agile_jax.settings import NonNegativePose, Pose, Positive, PositiveVector2, PositiveVector3, Settings, Vector2, Vector3
+
+
+class TableSettings(Settings):
+    """A slab that blocks everything above `underside`, up to `top`. The robot may pass below."""
+
+    kind: Literal["table"]
+    position: Vector2  # centre in the plane [m]
+    size: PositiveVector2  # full size along x, along y [m]
+    underside: Positive  # [m]
+    top: Positive = 0.75  # [m], above everything the robot reaches
+    yaw: float = 0.0  # [rad]
+
+    @model_validator(mode="after")
+    def _top_is_above(self) -> "TableSettings":
+        if self.top <= self.underside:
+            raise ValueError(f"top = {self.top} must be above underside = {self.underside}")
+        return self
+
+
+class BoxSettings(Settings):
+    """A full box."""
+
+    kind: Literal["box"]
+    position: Vector3  # centre [m]
+    size: PositiveVector3  # full size [m]
+    yaw: float = 0.0  # [rad]
+
+
+ObstacleSettings = Annotated[TableSettings | BoxSettings, Field(discriminator="kind")]
+
+
+class StartSettings(Settings):
+    """Normal distribution of the start pose [x, y, z, yaw] [m, rad].
+
+    The paper's N([0.5, 0.066, 0.026], [0.5, 0.66, 0.02]) is read with standard deviations, and its mean height 0.026 as a slip
+    for 0.26: 2.6 cm would put the torso inside the floor. The paper's starts have no spread in yaw.
+    """
+
+    mean: Pose = (0.5, 0.066, 0.26, 0.0)
+    std: NonNegativePose = (0.5, 0.66, 0.02, 0.0)
+
+
+class SceneSettings(Settings):
+    """The world of the plan. Defaults are the paper's scene.
+
+    The torso's envelope covers the trunk, the hips and the roots of the thighs of the A1 (robot/a1.xml): at table height these are what
+    can hit its edge. The paper gives no size of the table, no bounds and no envelope.
+    """
+
+    target: Pose = (3.0, 0.0, 0.28, 0.0)
+    torso_half_size: PositiveVector3 = (0.225, 0.155, 0.058)  # [m]
+    lower: Pose = (-1.5, -3.0, 0.14, -3.2)  # bounds of the planned pose [m, rad]
+    upper: Pose = (4.5, 3.0, 0.32, 3.2)
+    start: StartSettings = StartSettings()
+    obstacles: Annotated[tuple[ObstacleSettings, ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _target_is_reachable(self) -> "SceneSettings":
+        from agile_jax.scene.scene import clearance, make_scene
+
+        for name, low, high, value in zip("x y z yaw".split(), self.lower, self.upper, self.target, strict=True):
+            if not low < high:
+                raise ValueError(f"lower = {low} must be below upper = {high} for {name}")
+            if not low <= value <= high:
+                raise ValueError(f"target {name} = {value} is outside the bounds [{low}, {high}]")
+        scene = make_scene(self)
+        distance = float(clearance(scene, scene.target))
+        if distance <= 0:
+            raise ValueError(
+                f"target = {list(self.target)} puts the torso inside an obstacle (clearance {distance:.3f} m); it must be free"
+            )
+        return self

@@ -1,0 +1,30 @@
+"""What every stage's settings share: strict, frozen models, and the one error for bad input."""
+
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field
+
+
+class BadInput(ValueError):
+    """Input that cannot be used. The text is complete: it names the file or key, the value, and what is allowed."""
+
+
+class Settings(BaseModel):
+    """Base of all settings: unknown keys, wrong types and NaN are refused; instances cannot change."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+
+Positive = Annotated[float, Field(gt=0)]
+NonNegative = Annotated[float, Field(ge=0)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Count = Annotated[int, Field(ge=1)]
+
+# TOML arrays are lists; strict mode would refuse them for a tuple.
+Pose = Annotated[tuple[float, float, float, float], Field(strict=False)]
+PositivePose = Annotated[tuple[Positive, Positive, Positive, Positive], Field(strict=False)]
+NonNegativePose = Annotated[tuple[NonNegative, NonNegative, NonNegative, NonNegative], Field(strict=False)]
+PositiveVector2 = Annotated[tuple[Positive, Positive], Field(strict=False)]
+PositiveVector3 = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+Vector2 = Annotated[tuple[float, float], Field(strict=False)]
+Vector3 = Annotated[tuple[float, float, float], Field(strict=False)]
