@@ -50,12 +50,12 @@ class StartSettings(Settings):
 class SceneSettings(Settings):
     """The world of the plan. Defaults are the paper's scene.
 
-    The torso's envelope covers the trunk, the hips and the roots of the thighs of the A1 (robot/a1.xml): at table height these are what
+    The torso's envelope covers trunk, head, hips and the roots of the thighs of the A1 (robot/a1.xml): at table height these are what
     can hit its edge. The paper gives no size of the table, no bounds and no envelope.
     """
 
     target: Pose = (3.0, 0.0, 0.28, 0.0)
-    torso_half_size: PositiveVector3 = (0.225, 0.155, 0.058)  # [m]
+    torso_half_size: PositiveVector3 = (0.28, 0.155, 0.058)  # [m]
     lower: Pose = (-1.5, -3.0, 0.14, -3.2)  # bounds of the planned pose [m, rad]
     upper: Pose = (4.5, 3.0, 0.32, 3.2)
     start: StartSettings = StartSettings()

@@ -1,0 +1,72 @@
+"""Swing legs: the foothold (Raibert 1986) and the foot's path to it."""
+
+import jax
+import jax.numpy as jnp
+
+from agile_jax.control.centroidal import GRAVITY
+
+
+def foothold(
+    hip_ground: jax.Array,
+    velocity: jax.Array,
+    velocity_reference: jax.Array,
+    yaw_rate: jax.Array,
+    height: jax.Array,
+    stance_duration: float,
+    gain: float,
+) -> jax.Array:
+    """Where a foot should land, in the plane.
+
+    The hip's position at touchdown, plus half of the way that the body covers during stance (the neutral point), plus the velocity
+    error times `gain` (Raibert), plus the centripetal term z/g v x w of the turning body (Di Carlo et al. 2018, equation 33).
+
+    Args:
+        hip_ground: the hip's place on the ground at touchdown, shape (4, 2) [m].
+        velocity, velocity_reference: of the body in the plane, shape (2,) [m/s].
+        yaw_rate: () [rad/s].
+        height: of the body () [m].
+        stance_duration: [s].
+        gain: [s].
+
+    Returns:
+        Shape (4, 2) [m].
+    """
+    neutral = velocity * stance_duration / 2
+    centripetal = 0.5 * height / GRAVITY * jnp.stack([velocity[1] * yaw_rate, -velocity[0] * yaw_rate])
+    return hip_ground + neutral + gain * (velocity - velocity_reference) + centripetal
+
+
+def swing_path(
+    lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: float
+) -> tuple[jax.Array, jax.Array]:
+    """Position and velocity on the way from `lift_off` to `touch_down`.
+
+    A cubic smooth step in the plane, and for the height two of them, up and down: velocity is zero at both ends and at the top.
+
+    Args:
+        lift_off, touch_down: shape (..., 3) [m].
+        height: of the apex above the higher end, shape (...) [m].
+        progress: in [0, 1], shape (...).
+        duration: of the whole swing [s].
+
+    Returns:
+        Position [m] and velocity [m/s], shape (..., 3) each.
+    """
+
+    def smooth(s: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return s * s * (3 - 2 * s), 6 * s * (1 - s)
+
+    blend, slope = smooth(progress)
+    planar = lift_off[..., :2] + (touch_down - lift_off)[..., :2] * blend[..., None]
+    planar_velocity = (touch_down - lift_off)[..., :2] * slope[..., None] / duration
+    apex = jnp.maximum(lift_off[..., 2], touch_down[..., 2]) + height
+    rising = progress < 0.5
+    rise, rise_slope = smooth(jnp.clip(2 * progress, 0.0, 1.0))
+    fall, fall_slope = smooth(jnp.clip(2 * progress - 1, 0.0, 1.0))
+    up = lift_off[..., 2] + (apex - lift_off[..., 2]) * rise
+    down = apex + (touch_down[..., 2] - apex) * fall
+    z = jnp.where(rising, up, down)
+    z_velocity = jnp.where(
+        rising, (apex - lift_off[..., 2]) * rise_slope, (touch_down[..., 2] - apex) * fall_slope
+    ) * (2 / duration)
+    return jnp.concatenate([planar, z[..., None]], -1), jnp.concatenate([planar_velocity, z_velocity[..., None]], -1)

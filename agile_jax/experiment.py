@@ -1,0 +1,136 @@
+"""An experiment: one question, one file, all settings of all stages.
+
+`load_experiment` reads a TOML file (with `extends`), applies overrides and validates everything at once. A stage's hash covers exactly
+the settings on which its result depends, so that equal hashes mean an equal result.
+"""
+
+import pathlib
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any, get_args
+
+import tomli_w
+from pydantic import Field, field_validator, model_validator
+
+from agile_jax.control.settings import ControlSettings
+from agile_jax.dataset.settings import DatasetSettings
+from agile_jax.evaluation.settings import EvaluationSettings
+from agile_jax.experiment_file import Table, origin, override, read_table
+from agile_jax.expert.settings import ExpertSettings
+from agile_jax.files import hash_json
+from agile_jax.policy.settings import PolicySettings, TrainingSettings
+from agile_jax.report.settings import ReportSettings
+from agile_jax.robot.settings import RobotSettings
+from agile_jax.scene.settings import SceneSettings
+from agile_jax.settings import BadInput, Settings
+from agile_jax.sweep.settings import SweepSettings
+from agile_jax.validation import field_comments, nested_models, validate
+
+STAGES = ("dataset", "training", "evaluation", "report")
+
+_READS = {  # the sections that a stage reads beyond those of the stages before it
+    "dataset": ("seed", "scene", "expert", "dataset"),
+    "training": ("policy", "training"),
+    "evaluation": ("robot", "control", "evaluation"),
+    "report": ("report",),
+}
+
+
+class Experiment(Settings):
+    """The settings of every stage. A file needs only a name: the defaults are the paper's scene without its table."""
+
+    name: str  # of the run directory; letters, digits, - and _
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    scene: SceneSettings = SceneSettings()
+    expert: ExpertSettings = ExpertSettings()
+    dataset: DatasetSettings = DatasetSettings()
+    policy: PolicySettings = PolicySettings()
+    training: TrainingSettings = TrainingSettings()
+    robot: RobotSettings = RobotSettings()
+    control: ControlSettings = ControlSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+    report: ReportSettings = ReportSettings()
+    sweep: SweepSettings | None = None
+
+    @field_validator("name")
+    @classmethod
+    def _name_is_a_slug(cls, name: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
+            raise ValueError("must be 1 to 64 letters, digits, - or _, and begin with a letter or digit: it names a folder")
+        return name
+
+    @model_validator(mode="after")
+    def _sweep_can_be_measured(self) -> "Experiment":
+        if self.sweep is not None:
+            stage, *rest = self.sweep.metric.split(".")
+            if stage == "evaluation" and rest[0] not in self._backends():
+                raise ValueError(
+                    f"sweep.metric = {self.sweep.metric!r}: no trial has an evaluation by {rest[0]!r}; "
+                    f"evaluation.backend gives {', '.join(self._backends())}"
+                )
+        return self
+
+    def _backends(self) -> tuple[str, ...]:
+        assert self.sweep is not None
+        return self.sweep.space.get("evaluation.backend", (self.evaluation.backend,))
+
+
+def load_experiment(path: pathlib.Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
+    """Read, merge, override and validate an experiment file.
+
+    Args:
+        path: a TOML file.
+        overrides: values by dotted key, for example {"training.learning_rate": 0.1}.
+
+    Raises:
+        BadInput: with every error, one a line: file, dotted key, value, what is allowed, nearest valid name.
+    """
+    return _make(override(read_table(path), overrides or {}))
+
+
+def with_overrides(experiment: Experiment, overrides: Mapping[str, Any], source: str) -> Experiment:
+    """The experiment with other values by dotted key, validated as a file is; `source` names them in messages."""
+    table = Table(experiment.model_dump(mode="json"), {}, source)
+    return _make(override(table, overrides, source))
+
+
+def to_toml(experiment: Experiment) -> str:
+    """The experiment as a file that loads to the same experiment. Keys without a value are left out: TOML has no null."""
+    return tomli_w.dumps(experiment.model_dump(mode="json", exclude_none=True))
+
+
+def stage_settings(experiment: Experiment, stage: str) -> dict[str, Any]:
+    """The settings on which the result of a stage depends, as JSON values by section: its own and those of the stages before."""
+    sections = [section for earlier in STAGES[: STAGES.index(stage) + 1] for section in _READS[earlier]]
+    return experiment.model_dump(mode="json", include=set(sections))
+
+
+def stage_hash(experiment: Experiment, stage: str) -> str:
+    """The sha256 of `stage_settings` in canonical JSON."""
+    return hash_json(stage_settings(experiment, stage))
+
+
+def experiment_hash(experiment: Experiment) -> str:
+    """The sha256 of all settings but the name and the sweep, which change no result."""
+    return stage_hash(experiment, STAGES[-1])
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of experiment files, for editors; the comments behind the fields are its descriptions."""
+    schema = Experiment.model_json_schema()
+    schema["properties"]["extends"] = {
+        "type": "string",
+        "description": "another experiment file, relative to this one, whose values hold where this file sets none",
+    }
+    models = [Experiment]
+    for model in models:
+        definition = schema if model is Experiment else schema["$defs"].get(model.__name__, {})
+        for name, comment in field_comments(model).items():
+            definition["properties"][name].setdefault("description", comment)
+        inner = [found for field in model.model_fields.values() for found in nested_models(field.annotation)]
+        models.extend(found for found in dict.fromkeys(inner) if found not in models)  # type: ignore[misc]
+    return schema
+
+
+def _make(table: Table) -> Experiment:
+    return validate(Experiment, table.values, lambda where: origin(table, where))

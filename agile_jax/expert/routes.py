@@ -1,0 +1,141 @@
+"""Routes: sequences of regions from the start to the target, found in the order of their lower bound.
+
+Consecutive regions differ in the side of one obstacle and intersect; a route ends in the first region that holds the target and never comes
+back to one that holds the start (the rest of it would be a shorter route of its own). The boundary between two regions is pinned to
+a face: where the path last leaves the old region, or first enters the new one. Either exists on every path along the route, so the
+pin costs nothing, and it takes away the freedom to switch anywhere in the overlap, which would make the labels ambiguous.
+"""
+
+import heapq
+from collections.abc import Iterator
+from typing import NamedTuple
+
+import numpy as np
+
+from agile_jax.expert.minimum_time import route_bounds
+from agile_jax.expert.regions import FreeSpace, Region
+from agile_jax.expert.settings import ExpertSettings
+from agile_jax.scene import POSE_SIZE
+
+BRANCH_ORDER = ("direct", "under", "left", "right", "over")  # of equally good routes the first wins; others follow by name
+CONTAINMENT = 1e-9  # [m]
+MAX_EXPANSIONS = 20_000
+
+
+class Route(NamedTuple):
+    """A sequence of P regions."""
+
+    branch: str
+    regions: tuple[Region, ...]
+    pins: tuple[tuple[int, float], ...]  # (axis, value) of the boundary between phases p and p + 1, P - 1 of them
+    duration_bound: float  # [s]
+    objective_bound: float
+
+
+def branch_rank(branch: str) -> tuple[int, str]:
+    """Sorting key of the fixed order in which ties between routes are broken."""
+    return (BRANCH_ORDER.index(branch) if branch in BRANCH_ORDER else len(BRANCH_ORDER), branch)
+
+
+def find_routes(
+    space: FreeSpace, start: np.ndarray, target: np.ndarray, settings: ExpertSettings, initial_velocity: str
+) -> Iterator[Route]:
+    """Yield every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
+
+    A* search over simple paths in the graph of regions: the lower bound never falls when a route gets longer.
+    """
+    regions = space.regions
+    holds_start = [_holds(region, start) for region in regions]
+    holds_target = [_holds(region, target) for region in regions]
+    neighbours = {
+        i: [j for j in range(len(regions)) if _adjacent(regions[i], regions[j])] for i in range(len(regions))
+    }
+    heap: list[tuple[float, tuple[int, ...]]] = []
+
+    def push(path: tuple[int, ...]) -> None:
+        points = _laziest_points([regions[i] for i in path], start, target)
+        heapq.heappush(heap, (route_bounds(points, settings, initial_velocity)[1], path))
+
+    for i in range(len(regions)):
+        if holds_start[i]:
+            push((i,))
+    expansions = 0
+    while heap and expansions < MAX_EXPANSIONS:
+        expansions += 1
+        _, path = heapq.heappop(heap)
+        if holds_target[path[-1]]:
+            yield _make_route(space, [regions[i] for i in path], start, target, settings, initial_velocity)
+            continue
+        for j in neighbours[path[-1]]:
+            if j not in path and not holds_start[j]:
+                push((*path, j))
+
+
+def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Start, one point on each boundary, target, shape (P + 1, 4): the initial guess, a string pulled tight by fixed sweeps."""
+    boxes = []
+    for before, after, (axis, value) in zip(route.regions, route.regions[1:], route.pins, strict=False):
+        low, high = np.maximum(before.lower, after.lower), np.minimum(before.upper, after.upper)
+        low[axis] = high[axis] = value
+        boxes.append((low, high))
+    points = [start, *(np.clip(start, low, high) for low, high in boxes), target]
+    for _ in range(30):
+        for p, (low, high) in enumerate(boxes, start=1):
+            before, after = points[p - 1], points[p + 1]
+            ahead = np.linalg.norm(points[p] - before) + 1e-3
+            behind = np.linalg.norm(after - points[p]) + 1e-3
+            points[p] = np.clip((before * behind + after * ahead) / (ahead + behind), low, high)
+    return np.array(points)
+
+
+def _make_route(
+    space: FreeSpace,
+    regions: list[Region],
+    start: np.ndarray,
+    target: np.ndarray,
+    settings: ExpertSettings,
+    initial_velocity: str,
+) -> Route:
+    duration, objective = route_bounds(_laziest_points(regions, start, target), settings, initial_velocity)
+    # Across the larger horizontal distance the motion is surely monotone; heights come last.
+    priority = [*np.argsort(-np.abs(target - start)[:2], kind="stable").tolist(), 2]
+    pins = []
+    for before, after in zip(regions, regions[1:], strict=False):
+        obstacle = next(i for i in range(len(before.sides)) if before.sides[i] != after.sides[i])
+        faces = [space.sides[obstacle][region.sides[obstacle]] for region in (before, after)]
+        face = min((face for face in faces if face.axis >= 0), key=lambda face: priority.index(face.axis))
+        pins.append((face.axis, face.value))
+    return Route(_branch(space, regions), tuple(regions), tuple(pins), duration, objective)
+
+
+def _branch(space: FreeSpace, regions: list[Region]) -> str:
+    """The faces other than front and back that the route takes, in the order of travel; "direct" when it changes none."""
+    if len(regions) == 1:
+        return "direct"
+    names: list[str] = []
+    for p, region in enumerate(regions):
+        for obstacle, side in enumerate(region.sides):
+            name = space.sides[obstacle][side].name
+            changes = any(other.sides[obstacle] != side for other in regions)
+            new = p == 0 or regions[p - 1].sides[obstacle] != side
+            if changes and new and name not in ("", "front", "back"):
+                names.append(name)
+    return "+".join(names) or "direct"
+
+
+def _holds(region: Region, pose: np.ndarray) -> bool:
+    return bool((pose >= region.lower - CONTAINMENT).all() and (pose <= region.upper + CONTAINMENT).all())
+
+
+def _adjacent(a: Region, b: Region) -> bool:
+    different = sum(i != j for i, j in zip(a.sides, b.sides, strict=True))
+    return different == 1 and bool((np.maximum(a.lower, b.lower) <= np.minimum(a.upper, b.upper)).all())
+
+
+def _laziest_points(regions: list[Region], start: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """Per axis the positions of the path that moves only when the next boundary demands it, shape (P + 1, 4)."""
+    points = [start]
+    for before, after in zip(regions, regions[1:], strict=False):
+        low, high = np.maximum(before.lower, after.lower), np.minimum(before.upper, after.upper)
+        points.append(np.clip(points[-1], low, high))
+    return np.array([*points, target]).reshape(-1, POSE_SIZE)

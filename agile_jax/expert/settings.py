@@ -1,0 +1,33 @@
+"""Settings of the expert: bounds, margins, transcription, and where its labels start."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from agile_jax.settings import Count, Fraction, NonNegative, Positive, PositivePose, Settings
+
+
+class ExpertSettings(Settings):
+    """The optimal control problem of the paper (equation 2), its transcription, and the starts of its labels.
+
+    The paper gives no bounds, no margin and no effort weight. The defaults are what a trotting A1 can track. Rates and accelerations are of
+    [x, y, z, yaw].
+    """
+
+    trajectories: Count = 400
+    nodes: Annotated[int, Field(ge=10, le=2000)] = 100  # intervals of a trajectory
+    shard_size: Count = 50  # trajectories in a file
+    velocity: PositivePose = (0.8, 0.5, 0.3, 1.0)  # bounds [m/s, rad/s]
+    acceleration: PositivePose = (1.5, 1.5, 1.0, 3.0)  # bounds [m/s^2, rad/s^2]
+    clearance_margin: NonNegative = 0.03  # epsilon of equation 2 [m]
+    initial_velocity: Literal["rest", "free"] = "rest"  # rest: the paper; free: the best one within the bounds
+    # Weight of the integral of sum (u_i / a_i)^2 in the objective [-]; makes labels unique (expert/__init__.py).
+    effort_weight: Annotated[float, Field(gt=0, le=1)] = 1e-2
+    zero_end_controls: bool = False  # the paper's u_0 = u_N = 0; costs 2 / nodes of the time
+    max_routes: Count = 12  # routes solved for one start at most
+    starts: Literal["paper", "wide"] = "paper"  # paper: scene.start; wide: dataset/starts.py
+    wide_paper_fraction: Fraction = 0.35  # of the wide starts, drawn as the paper's but at any height
+    wide_target_fraction: Fraction = 0.15  # of the wide starts, drawn around the target
+    wide_target_std: Positive = 0.4  # of those, in the plane [m]
+    wide_yaw_std: NonNegative = 0.4  # around the target's yaw [rad]
+    wide_padding: NonNegative = 0.5  # of the box around starts, obstacles and target [m]

@@ -1,0 +1,56 @@
+"""The robot: its constants with sources, kinematics in JAX, and the MuJoCo model of the robot in its scene."""
+
+from agile_jax.robot.constants import FRONT, JOINT_NAMES, LEFT, LEG_NAMES
+from agile_jax.robot.kinematics import (
+    LinkPoses,
+    composite_inertia,
+    leg_forward_kinematics,
+    leg_inverse_kinematics,
+    leg_jacobian,
+    link_poses,
+)
+from agile_jax.robot.model import (
+    JOINT_COUNT,
+    LEG_COUNT,
+    QPOS_SIZE,
+    QVEL_SIZE,
+    RobotModel,
+    RobotState,
+    load_robot,
+    robot_state,
+)
+from agile_jax.robot.mujoco_model import (
+    IMAGE_SIZE,
+    OBSTACLE_PREFIX,
+    VISUAL_GROUP,
+    build_mujoco_model,
+    standing_qpos,
+)
+from agile_jax.robot.settings import RobotSettings
+
+__all__ = [
+    "FRONT",
+    "IMAGE_SIZE",
+    "JOINT_COUNT",
+    "JOINT_NAMES",
+    "LEFT",
+    "LEG_COUNT",
+    "LEG_NAMES",
+    "OBSTACLE_PREFIX",
+    "QPOS_SIZE",
+    "QVEL_SIZE",
+    "VISUAL_GROUP",
+    "LinkPoses",
+    "RobotModel",
+    "RobotSettings",
+    "RobotState",
+    "build_mujoco_model",
+    "composite_inertia",
+    "leg_forward_kinematics",
+    "leg_inverse_kinematics",
+    "leg_jacobian",
+    "link_poses",
+    "load_robot",
+    "robot_state",
+    "standing_qpos",
+]

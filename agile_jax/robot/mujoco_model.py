@@ -1,0 +1,186 @@
+"""The robot in its scene as a MuJoCo model: one model for MuJoCo C, MJX and rendering."""
+
+from pathlib import Path
+
+import jax.numpy as jnp
+import mujoco
+import numpy as np
+
+from agile_jax.geometry import wrap_angle
+from agile_jax.robot.kinematics import leg_inverse_kinematics
+from agile_jax.robot.model import Array, RobotModel
+from agile_jax.robot.settings import RobotSettings
+from agile_jax.scene import Scene
+
+FLOOR_BIT, OBSTACLE_BIT = 1, 2  # contype of what stands in the scene; the robot's conaffinity chooses among them
+OBSTACLE_PREFIX = "obstacle_"
+VISUAL_GROUP = 2
+IMAGE_SIZE = (1280, 720)  # largest picture that can be rendered off screen [pixels]
+_GLASS = [0.55, 0.38, 0.22, 0.22]
+_WOOD = [0.55, 0.38, 0.22, 1.0]
+_TARGET = [0.15, 0.75, 0.30, 0.20]
+
+
+def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> mujoco.MjModel:
+    """Floor, obstacles, robot, light and cameras.
+
+    Obstacles are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track` (follows the trunk).
+    The robot collides with the floor and with obstacles, never with itself; automatic reset is off.
+
+    Args:
+        scene: obstacles and target.
+        settings: the robot.
+        sim_dt: time step of the physics [s].
+    """
+    spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name(f"{settings.name}.xml")))
+    spec.option.timestep = sim_dt
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = IMAGE_SIZE
+    _add_floor_and_light(spec)
+    for index in range(len(scene.obstacle_centers)):
+        _add_obstacle(spec, scene, index)
+    _add_target(spec, scene)
+    _add_cameras(spec, scene)
+    return spec.compile()
+
+
+def standing_qpos(model: RobotModel, pose: Array) -> Array:
+    """Coordinates of the robot standing still: the trunk at `pose`, level, the feet on the floor under the hips.
+
+    Args:
+        model: the robot.
+        pose: [x, y, z, yaw] of the trunk, shape (4,) [m, rad]; vmap at the caller.
+
+    Returns:
+        qpos, shape (19,).
+    """
+    pose = jnp.asarray(pose)
+    feet = jnp.asarray(model.hip_pos_base) + jnp.outer(jnp.asarray(model.abad_offset), jnp.array([0.0, 1.0, 0.0]))
+    feet = feet.at[:, 2].set(model.foot_radius - pose[2])
+    half_yaw = wrap_angle(pose[3], jnp) / 2
+    quat = jnp.stack([jnp.cos(half_yaw), jnp.zeros(()), jnp.zeros(()), jnp.sin(half_yaw)])
+    return jnp.concatenate([pose[:3], quat, leg_inverse_kinematics(model, feet)])
+
+
+def _yaw_quat(yaw: float) -> list[float]:
+    return [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
+
+
+def _visual(spec: mujoco.MjSpec, kind: int, **attributes: object) -> None:
+    spec.worldbody.add_geom(type=kind, contype=0, conaffinity=0, group=VISUAL_GROUP, **attributes)
+
+
+def _add_floor_and_light(spec: mujoco.MjSpec) -> None:
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.75, 0.82, 0.90],
+        rgb2=[0.95, 0.97, 1.0],
+        width=256,
+        height=256,
+    )
+    spec.add_texture(
+        name="checker",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.80, 0.82, 0.84],
+        rgb2=[0.70, 0.72, 0.75],
+        width=256,
+        height=256,
+    )
+    floor = spec.add_material(name="floor", texrepeat=[2.0, 2.0], texuniform=True)
+    floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "checker"
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0.0, 0.0, 0.05],
+        material="floor",
+        contype=FLOOR_BIT,
+        conaffinity=0,
+        condim=1,
+    )
+    spec.worldbody.add_light(
+        pos=[0.0, -2.0, 5.0],
+        dir=[0.1, 0.35, -0.93],
+        type=mujoco.mjtLightType.mjLIGHT_DIRECTIONAL,
+        diffuse=[0.6, 0.6, 0.6],
+        castshadow=True,
+    )
+    spec.visual.headlight.ambient = [0.35, 0.35, 0.35]
+    spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+    spec.visual.quality.shadowsize = 2048
+
+
+def _add_obstacle(spec: mujoco.MjSpec, scene: Scene, index: int) -> None:
+    """The box that collides, seen through; one that hangs over the floor also gets a board and thin legs to look at."""
+    center, half, yaw = scene.obstacle_centers[index], scene.obstacle_half_sizes[index], scene.obstacle_yaws[index]
+    box, quat = mujoco.mjtGeom.mjGEOM_BOX, _yaw_quat(yaw)
+    underside = center[2] - half[2]
+    hangs = underside > 0.02
+    spec.worldbody.add_geom(
+        name=f"{OBSTACLE_PREFIX}{index}",
+        type=box,
+        pos=center,
+        size=half,
+        quat=quat,
+        rgba=_GLASS if hangs else _WOOD,
+        contype=OBSTACLE_BIT,
+        conaffinity=0,
+        condim=1,
+    )
+    if not hangs:
+        return
+    thickness = min(0.015, half[2])
+    _visual(
+        spec,
+        box,
+        pos=[*center[:2], underside + thickness],
+        size=[*(half[:2] + 0.001), thickness],  # a hair wider, so that its faces do not flicker against the box's
+        quat=quat,
+        rgba=_WOOD,
+    )
+    c, s = np.cos(yaw), np.sin(yaw)
+    for corner in ([1, 1], [1, -1], [-1, 1], [-1, -1]):
+        local = np.array(corner) * np.maximum(half[:2] - 0.012, 0.0)
+        place = center[:2] + np.array([[c, -s], [s, c]]) @ local
+        _visual(spec, box, pos=[*place, underside / 2], size=[0.01, 0.01, underside / 2], quat=quat, rgba=_WOOD)
+
+
+def _add_target(spec: mujoco.MjSpec, scene: Scene) -> None:
+    x, y, z, yaw = scene.target
+    _visual(
+        spec,
+        mujoco.mjtGeom.mjGEOM_BOX,
+        pos=[x, y, z],
+        size=scene.torso_half_size,
+        quat=_yaw_quat(yaw),
+        rgba=_TARGET,
+    )
+
+
+def _add_cameras(spec: mujoco.MjSpec, scene: Scene) -> None:
+    places = np.concatenate([scene.obstacle_centers[:, :2], scene.target[None, :2], np.zeros((1, 2))])
+    middle = np.array([*(places.min(0) + places.max(0)) / 2, 0.2])
+    length = max(np.ptp(places[:, 0]), 2.0)
+    end = np.array([places[:, 0].max(), middle[1], 0.2])
+    for name, eye, look_at in (
+        ("side", middle + [0.0, -1.2 * length, 0.10 * length], middle + [0.0, 0.0, 0.1]),
+        ("front", end + [1.2, -0.9, 0.5], end + [-1.2, 0.0, 0.0]),
+    ):
+        spec.worldbody.add_camera(name=name, pos=eye, xyaxes=_look_at(eye, look_at), fovy=35)
+    offset = np.array([0.6, -1.5, 0.25])
+    spec.body("trunk").add_camera(
+        name="track",
+        mode=mujoco.mjtCamLight.mjCAMLIGHT_TRACKCOM,
+        pos=offset,
+        xyaxes=_look_at(offset, np.zeros(3)),
+        fovy=45,
+    )
+
+
+def _look_at(eye: np.ndarray, point: np.ndarray) -> np.ndarray:
+    """Image axes right and up, in the world, of an upright camera at `eye` (3,) that looks at `point` (3,). Shape (6,)."""
+    back = (eye - point) / np.linalg.norm(eye - point)
+    right = np.cross([0.0, 0.0, 1.0], back)
+    right /= np.linalg.norm(right)
+    return np.concatenate([right, np.cross(back, right)])

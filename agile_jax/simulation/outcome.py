@@ -1,0 +1,100 @@
+"""How an episode ends, and what is measured on the way. One definition for both physics backends.
+
+An episode succeeds when, within its time limit, the trunk has stayed for 0.5 s within 0.10 m of the target in the plane, 0.05 m in
+height and 0.2 rad in yaw, while at no physics step any part of the robot touched an obstacle, the trunk or a thigh touched the floor, the
+trunk tilted past 60 degrees, or a state was not finite.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, wrap_angle
+from agile_jax.scene import Scene, clearance
+from agile_jax.simulation.sensed import Sensed
+
+RUNNING, SUCCESS, COLLISION, FALL, TIMEOUT, UNSTABLE = -1, 0, 1, 2, 3, 4
+OUTCOME_NAMES = ("success", "collision", "fall", "timeout", "unstable")
+
+PLANAR_TOLERANCE = 0.10  # [m]
+HEIGHT_TOLERANCE = 0.05  # [m]
+YAW_TOLERANCE = 0.2  # [rad]
+STAY = 0.5  # [s]
+LARGEST_TILT_COSINE = 0.5  # cos 60 degrees
+LARGEST_SPEED = 1e3  # of any coordinate [m/s, rad/s]; beyond it the simulation has diverged
+
+
+class Outcome(NamedTuple):
+    """State of one episode's judgement; sums are over its physics steps while it runs."""
+
+    status: jax.Array  # () int32, RUNNING or one of the outcomes
+    time: jax.Array  # () [s]; the time of the end once it has ended
+    time_limit: jax.Array  # () [s]
+    inside_since: jax.Array  # () time at which the trunk entered the target's tolerance [s]; infinity outside it
+    min_clearance: jax.Array  # () of the torso's envelope [m]
+    planar_error: jax.Array  # () distance to the target in the plane [m]
+    velocity_error_sum: jax.Array  # () [m^2/s^2]
+    saturated: jax.Array  # () joints at their torque limit, summed over steps
+    steps: jax.Array  # () int32
+
+
+def init_outcome(time_limit: jax.Array) -> Outcome:
+    """An episode about to begin."""
+    zero = jnp.float32(0.0)
+    return Outcome(
+        jnp.int32(RUNNING), zero, time_limit, jnp.float32(jnp.inf), jnp.float32(jnp.inf), zero, zero, zero, jnp.int32(0)
+    )
+
+
+def trunk_pose(sensed: Sensed) -> jax.Array:
+    """[x, y, z, yaw] of the trunk, shape (4,) [m, rad]."""
+    yaw = quaternion_to_rpy(sensed.qpos[3:7], jnp)[2]
+    return jnp.concatenate([sensed.qpos[:3], yaw[None]])
+
+
+def update_outcome(
+    outcome: Outcome, sensed: Sensed, scene: Scene, reference_velocity: jax.Array, saturated: jax.Array, dt: float
+) -> Outcome:
+    """Judge one physics step. An episode that has ended does not change.
+
+    Args:
+        outcome: so far.
+        sensed: after the step.
+        scene: target and obstacles.
+        reference_velocity: of the trunk in the plane, shape (2,) [m/s].
+        saturated: () joints at their torque limit during the step.
+        dt: of the step [s].
+    """
+    finite = jnp.isfinite(sensed.qpos).all() & (jnp.abs(sensed.qvel) < LARGEST_SPEED).all()
+    pose = trunk_pose(sensed)
+    error = pose - jnp.asarray(scene.target, jnp.float32)
+    planar = jnp.sqrt(jnp.sum(error[:2] ** 2))
+    inside = (
+        (planar <= PLANAR_TOLERANCE)
+        & (jnp.abs(error[2]) <= HEIGHT_TOLERANCE)
+        & (jnp.abs(wrap_angle(error[3], jnp)) <= YAW_TOLERANCE)
+    )
+    time = outcome.time + dt
+    inside_since = jnp.where(inside, jnp.minimum(outcome.inside_since, time), jnp.inf)
+    stayed = time - inside_since >= STAY - dt / 2
+    up = quaternion_to_matrix(sensed.qpos[3:7], jnp)[2, 2]
+    fallen = sensed.floor_contact | (up < LARGEST_TILT_COSINE)
+    status = jnp.select(
+        [~finite, sensed.obstacle_contact, fallen, stayed, time >= outcome.time_limit],
+        [jnp.int32(code) for code in (UNSTABLE, COLLISION, FALL, SUCCESS, TIMEOUT)],
+        jnp.int32(RUNNING),
+    )
+    new = Outcome(
+        status=status,
+        time=time,
+        time_limit=outcome.time_limit,
+        inside_since=inside_since,
+        min_clearance=jnp.minimum(outcome.min_clearance, clearance(scene, pose, jnp)),
+        planar_error=planar,
+        velocity_error_sum=outcome.velocity_error_sum + jnp.sum((sensed.qvel[:2] - reference_velocity) ** 2),
+        saturated=outcome.saturated + saturated,
+        steps=outcome.steps + 1,
+    )
+    running = outcome.status == RUNNING
+    return jax.tree.map(lambda after, before: jnp.where(running, after, before), new, outcome)
