@@ -7,7 +7,7 @@ the settings on which its result depends, so that equal hashes mean an equal res
 import pathlib
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, get_args
+from typing import Annotated, Any
 
 import tomli_w
 from pydantic import Field, field_validator, model_validator
@@ -56,7 +56,9 @@ class Experiment(Settings):
     @classmethod
     def _name_is_a_slug(cls, name: str) -> str:
         if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
-            raise ValueError("must be 1 to 64 letters, digits, - or _, and begin with a letter or digit: it names a folder")
+            raise ValueError(
+                "must be 1 to 64 letters, digits, - or _, and begin with a letter or digit: it names a folder"
+            )
         return name
 
     @model_validator(mode="after")

@@ -37,7 +37,9 @@ def read_table(path: pathlib.Path) -> Table:
         values = _parse(current, lineage[-1][0] if lineage else None)
         parent = values.pop("extends", None)
         if parent is not None and not (isinstance(parent, str) and parent):
-            raise BadInput(f"{current}: extends = {parent!r}: must be the path of one experiment file, relative to this one")
+            raise BadInput(
+                f"{current}: extends = {parent!r}: must be the path of one experiment file, relative to this one"
+            )
         lineage.append((current, values))
         current = current.parent / parent if parent is not None else None
 

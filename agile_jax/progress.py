@@ -33,9 +33,7 @@ def shown(stream: TextIO | None = None) -> Iterator[Progress]:
         yield plain_lines(stream)
 
 
-def plain_lines(
-    stream: TextIO, period: float = LINE_PERIOD, clock: Callable[[], float] = time.monotonic
-) -> Progress:
+def plain_lines(stream: TextIO, period: float = LINE_PERIOD, clock: Callable[[], float] = time.monotonic) -> Progress:
     """Lines such as `dataset: 100/400 (25 %), 12 s left`, at most one in `period` seconds, besides each work's first and last."""
     began: dict[str, tuple[float, int]] = {}
     last: dict[str, float] = {}
@@ -65,7 +63,13 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
-    columns = TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn(), TimeRemainingColumn()
+    columns = (
+        TextColumn("{task.description}"),
+        BarColumn(),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TimeRemainingColumn(),
+    )
     with Progress(*columns, console=Console(file=stream)) as bars:
         tasks: dict[str, int] = {}
 

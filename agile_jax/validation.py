@@ -53,7 +53,7 @@ def field_comments(model: type[BaseModel]) -> dict[str, str]:
 
 
 def _describe(model: type[BaseModel], values: Any, where_from: Callable[[Where], str], detail: Any) -> str:
-    where, value = _locate(values, detail["loc"])
+    where, value = _locate(values, detail["loc"], detail["type"] == "missing")
     file, key = where_from(where), dotted(where)
     message = detail["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:] if message.startswith("Input") else message
@@ -76,7 +76,7 @@ def _describe(model: type[BaseModel], values: Any, where_from: Callable[[Where],
     return f"{file}: {key} = {_short(value)}: {message}{hint}"
 
 
-def _locate(values: Any, location: Where) -> tuple[Where, Any]:
+def _locate(values: Any, location: Where, missing: bool) -> tuple[Where, Any]:
     """The key path in the file and its value. Pydantic's location also names the members of unions, which no file holds."""
     where: list[str | int] = []
     node = values
@@ -85,7 +85,7 @@ def _locate(values: Any, location: Where) -> tuple[Where, Any]:
             node = node[part]
         elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
             node = node[part]
-        elif isinstance(node, dict) and i == len(location) - 1:
+        elif missing and i == len(location) - 1:
             return (*where, part), None
         else:
             continue

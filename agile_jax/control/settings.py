@@ -12,8 +12,8 @@ NonNegativeVector3 = Annotated[tuple[NonNegative, NonNegative, NonNegative], Fie
 class GaitSettings(Settings):
     """Trot: diagonal legs step together."""
 
-    period: Positive = 0.4  # [s]
-    duty: Annotated[float, Field(gt=0, lt=1)] = 0.6  # fraction of the period that a foot stands
+    period: Positive = 0.28  # [s]
+    duty: Annotated[float, Field(gt=0, lt=1)] = 0.55  # fraction of the period that a foot stands
     step_height: Positive = 0.05  # highest lift of a foot [m]
     # The knee's limit leaves (trunk height - 0.108 m) of lift; a step takes at most this share of it.
     headroom_fraction: Annotated[float, Field(gt=0, le=1)] = 0.7
@@ -25,9 +25,9 @@ class MpcSettings(Settings):
     horizon: Count = 10  # nodes
     mpc_dt: Positive = 0.03  # between nodes [s]
     weight_orientation: PositiveVector3 = (20.0, 20.0, 10.0)  # roll, pitch, yaw
-    weight_position: PositiveVector3 = (2.0, 2.0, 100.0)
+    weight_position: PositiveVector3 = (20.0, 20.0, 100.0)
     weight_angular_velocity: PositiveVector3 = (0.3, 0.3, 0.3)
-    weight_velocity: PositiveVector3 = (1.0, 1.0, 0.5)
+    weight_velocity: PositiveVector3 = (2.0, 2.0, 0.5)
     weight_force: Positive = 2e-5
     friction: Positive = 0.5  # coefficient that the controller trusts
     force_max: Positive = 200.0  # normal force of one foot [N]
@@ -46,7 +46,7 @@ class ControlSettings(Settings):
     swing_stiffness: Positive = 60.0  # joint PD of the swing legs [Nm/rad]
     swing_damping: Positive = 1.5  # [Nm s/rad]
     # Integral of the height, roll and pitch errors, added to the reference: what the single rigid body leaves out (moving legs).
-    integral_gain: NonNegativeVector3 = (1.0, 1.0, 1.0)  # z, roll, pitch [1/s]
+    integral_gain: NonNegativeVector3 = (4.0, 2.0, 4.0)  # z, roll, pitch [1/s]
     integral_limit: PositiveVector3 = (0.03, 0.15, 0.15)  # [m], [rad], [rad]
     leash: PositiveVector3 = (0.05, 0.03, 0.15)  # how far the reference may lead: in the plane [m], height [m], yaw [rad]
 

@@ -9,6 +9,7 @@ The axes are independent without obstacles, so the least time is the maximum ove
 bound. A route that forces an axis to turn (out sideways and back) splits that axis' motion into legs with rest in between.
 """
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
@@ -30,7 +31,7 @@ def minimum_time(distance: Any, velocity: Any, acceleration: Any, initial_veloci
     """
     distance = np.abs(distance)
     ramps = 1.0 if initial_velocity == "rest" else 0.5  # ramps between rest and full speed, in units of V/A
-    short = np.sqrt((4.0 if initial_velocity == "rest" else 2.0) * distance / acceleration)
+    short = np.sqrt(4.0 * ramps * distance / acceleration)
     cruising = distance / velocity + ramps * velocity / acceleration
     return np.where(distance >= ramps * velocity**2 / acceleration, cruising, short)
 
@@ -58,26 +59,68 @@ def turning_legs(points: Sequence[float]) -> list[float]:
     return legs
 
 
-def route_bounds(waypoints: np.ndarray, settings: ExpertSettings, initial_velocity: str) -> tuple[float, float]:
-    """Lower bounds on the duration [s] and on the objective T + w E of every path through a sequence of boxes.
+def axis_time(points: Sequence[float], axis: int, settings: ExpertSettings, first: str, last: str) -> float:
+    """Least time on one axis through positions in order, at rest or with free velocity at the `first` and the `last` [s].
 
-    Each axis moves as little as the boxes allow; `waypoints` are these laziest positions. Where it turns it is at rest, so each leg needs
-    its least time. Its effort is at least that of the unconstrained minimum, 12 d^2 / t^3 (3 d^2 / t^3 with free initial velocity);
-    over the split of T into legs the least sum of c_j / t_j^3 is (sum c_j^(1/4))^4 / T^3.
+    Where the axis turns it is at rest, so each leg needs its least time.
+    """
+    legs = turning_legs(points)
+    velocity, acceleration = settings.velocity[axis], settings.acceleration[axis]
+    total = 0.0
+    for j, leg in enumerate(legs):
+        free = (j == 0 and first == "free") + (j == len(legs) - 1 and last == "free")
+        total += leg / velocity if free == 2 else _leg_time(leg, velocity, acceleration, 1.0 - 0.5 * free)
+    return total
+
+
+def _leg_time(distance: float, velocity: float, acceleration: float, ramps: float) -> float:
+    """`minimum_time` for numbers; `ramps` is 1 from rest to rest and 1/2 when one end is free (time may be reversed)."""
+    if distance >= ramps * velocity**2 / acceleration:
+        return distance / velocity + ramps * velocity / acceleration
+    return math.sqrt(4.0 * ramps * distance / acceleration)
+
+
+def laziest_points(start: np.ndarray, boxes: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
+    """Per axis the positions of the path that moves only when the next box (lower, upper) demands it. Shape (n + 1, 4)."""
+    points = [start]
+    for low, high in boxes:
+        points.append(np.clip(points[-1], low, high))
+    return np.array(points)
+
+
+def route_bounds(
+    start: np.ndarray,
+    boxes: Sequence[tuple[np.ndarray, np.ndarray]],
+    target: np.ndarray,
+    settings: ExpertSettings,
+    initial_velocity: str,
+) -> tuple[float, float]:
+    """Lower bounds on the duration [s] and on the objective T + w E of every path that visits boxes in order.
+
+    All axes are in box p at the same time, so the slowest axis up to it and the slowest axis after it add up. The effort of a leg is at
+    least that of the unconstrained minimum, 12 d^2 / t^3 (3 d^2 / t^3 with free initial velocity); over the split of T into legs the
+    least sum of c_j / t_j^3 is (sum c_j^(1/4))^4 / T^3.
 
     Args:
-        waypoints: shape (n, 4), from the start to the target.
+        start, target: poses, shape (4,).
+        boxes: (lower, upper), each of shape (4,).
     """
-    duration = effort = 0.0
-    for axis in range(waypoints.shape[1]):
-        legs = turning_legs(list(waypoints[:, axis]))
-        time = root = 0.0
-        for j, leg in enumerate(legs):
-            condition = initial_velocity if j == 0 else "rest"
-            time += float(minimum_time(leg, settings.velocity[axis], settings.acceleration[axis], condition))
-            root += (12.0 if condition == "rest" else 3.0) ** 0.25 * leg**0.5
-        duration = max(duration, time)
-        effort += root**4 / settings.acceleration[axis] ** 2
+    end = (target, target)
+    axes = range(len(start))
+    forward = laziest_points(start, [*boxes, end])
+    duration = max(axis_time(forward[:, i], i, settings, initial_velocity, "rest") for i in axes)
+    backward = laziest_points(target, boxes[::-1])
+    for p in range(1, len(boxes) + 1):
+        before = max(axis_time(forward[: p + 1, i], i, settings, initial_velocity, "free") for i in axes)
+        after = max(axis_time(backward[: len(boxes) + 2 - p, i], i, settings, "rest", "free") for i in axes)
+        duration = max(duration, before + after)
+
+    effort = 0.0
+    for i in axes:
+        legs = turning_legs(forward[:, i])
+        factors = [3.0 if j == 0 and initial_velocity == "free" else 12.0 for j in range(len(legs))]
+        roots = sum(factor**0.25 * leg**0.5 for factor, leg in zip(factors, legs, strict=True))
+        effort += roots**4 / settings.acceleration[i] ** 2
     weighted = settings.effort_weight * effort
     best = max(duration, (3 * weighted) ** 0.25, 1e-9)  # minimises T + w c / T^3 over T >= duration
     return duration, best + weighted / best**3

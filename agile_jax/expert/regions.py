@@ -43,6 +43,7 @@ class FreeSpace(NamedTuple):
     """All regions for one pair of start and target."""
 
     sides: tuple[tuple[Side, ...], ...]  # per obstacle
+    heights: tuple[float, ...]  # of the obstacles' centres [m]
     regions: tuple[Region, ...]
 
 
@@ -95,9 +96,7 @@ def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray) -
     margin = planning_margin(settings)
 
     per_obstacle = []
-    for center, half, yaw in zip(
-        scene.obstacle_centers, scene.obstacle_half_sizes, scene.obstacle_yaws, strict=True
-    ):
+    for center, half, yaw in zip(scene.obstacle_centers, scene.obstacle_half_sizes, scene.obstacle_yaws, strict=True):
         body = torso + np.append(footprint(half, (yaw, yaw)), half[2])  # touching
         sides = [_face(face, center, body + margin, lower, upper) for face in FACES]
         cells = [_cell(pose, center, body, margin, lower, upper) for pose in (start, scene.target)]
@@ -110,7 +109,7 @@ def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray) -
         high = np.min([upper, *(side.upper for side in chosen)], axis=0)
         if (low <= high).all():
             regions.append(Region(choice, low, high))
-    return FreeSpace(tuple(per_obstacle), tuple(regions))
+    return FreeSpace(tuple(per_obstacle), tuple(scene.obstacle_centers[:, 2].tolist()), tuple(regions))
 
 
 def _face(

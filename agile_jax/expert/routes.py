@@ -7,7 +7,7 @@ pin costs nothing, and it takes away the freedom to switch anywhere in the overl
 """
 
 import heapq
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -15,9 +15,14 @@ import numpy as np
 from agile_jax.expert.minimum_time import route_bounds
 from agile_jax.expert.regions import FreeSpace, Region
 from agile_jax.expert.settings import ExpertSettings
-from agile_jax.scene import POSE_SIZE
 
-BRANCH_ORDER = ("direct", "under", "left", "right", "over")  # of equally good routes the first wins; others follow by name
+BRANCH_ORDER = (
+    "direct",
+    "under",
+    "left",
+    "right",
+    "over",
+)  # of equally good routes the first wins; others follow by name
 CONTAINMENT = 1e-9  # [m]
 MAX_EXPANSIONS = 20_000
 
@@ -25,7 +30,6 @@ MAX_EXPANSIONS = 20_000
 class Route(NamedTuple):
     """A sequence of P regions."""
 
-    branch: str
     regions: tuple[Region, ...]
     pins: tuple[tuple[int, float], ...]  # (axis, value) of the boundary between phases p and p + 1, P - 1 of them
     duration_bound: float  # [s]
@@ -35,6 +39,31 @@ class Route(NamedTuple):
 def branch_rank(branch: str) -> tuple[int, str]:
     """Sorting key of the fixed order in which ties between routes are broken."""
     return (BRANCH_ORDER.index(branch) if branch in BRANCH_ORDER else len(BRANCH_ORDER), branch)
+
+
+def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
+    """How a path along a route passes the obstacles, in the words of someone looking along +x.
+
+    Per obstacle: "under" or "over" when the torso is ever below or above it, else "left" or "right" when the route changes its side of the
+    obstacle by way of that side. Joined by "+" for several obstacles; "direct" when nothing of it applies.
+
+    Args:
+        poses: of the nodes, shape (T+1, 4).
+    """
+    names = []
+    for obstacle, sides in enumerate(space.sides):
+        inside = np.ones(len(poses), bool)
+        for side in sides:
+            if side.axis in (0, 1):
+                outer = side.lower[side.axis] == side.value  # the region lies above the face's value
+                inside &= (poses[:, side.axis] < side.value) if outer else (poses[:, side.axis] > side.value)
+        taken = [sides[region.sides[obstacle]].name for region in route.regions]
+        lateral = [name for name in taken if name in ("left", "right")]
+        if inside.any():
+            names.append("under" if poses[inside][0, 2] < space.heights[obstacle] else "over")
+        elif len(set(taken)) > 1 and lateral:
+            names.append(lateral[0])
+    return "+".join(dict.fromkeys(names)) or "direct"
 
 
 def find_routes(
@@ -48,13 +77,13 @@ def find_routes(
     holds_start = [_holds(region, start) for region in regions]
     holds_target = [_holds(region, target) for region in regions]
     neighbours = {
-        i: [j for j in range(len(regions)) if _adjacent(regions[i], regions[j])] for i in range(len(regions))
+        i: [j for j in range(len(regions)) if _adjacent(space, regions[i], regions[j])] for i in range(len(regions))
     }
     heap: list[tuple[float, tuple[int, ...]]] = []
 
     def push(path: tuple[int, ...]) -> None:
-        points = _laziest_points([regions[i] for i in path], start, target)
-        heapq.heappush(heap, (route_bounds(points, settings, initial_velocity)[1], path))
+        boxes = _boundaries([regions[i] for i in path])
+        heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path))
 
     for i in range(len(regions)):
         if holds_start[i]:
@@ -73,11 +102,9 @@ def find_routes(
 
 def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Start, one point on each boundary, target, shape (P + 1, 4): the initial guess, a string pulled tight by fixed sweeps."""
-    boxes = []
-    for before, after, (axis, value) in zip(route.regions, route.regions[1:], route.pins, strict=False):
-        low, high = np.maximum(before.lower, after.lower), np.minimum(before.upper, after.upper)
+    boxes = _boundaries(route.regions)
+    for (low, high), (axis, value) in zip(boxes, route.pins, strict=True):
         low[axis] = high[axis] = value
-        boxes.append((low, high))
     points = [start, *(np.clip(start, low, high) for low, high in boxes), target]
     for _ in range(30):
         for p, (low, high) in enumerate(boxes, start=1):
@@ -96,7 +123,7 @@ def _make_route(
     settings: ExpertSettings,
     initial_velocity: str,
 ) -> Route:
-    duration, objective = route_bounds(_laziest_points(regions, start, target), settings, initial_velocity)
+    duration, objective = route_bounds(start, _boundaries(regions), target, settings, initial_velocity)
     # Across the larger horizontal distance the motion is surely monotone; heights come last.
     priority = [*np.argsort(-np.abs(target - start)[:2], kind="stable").tolist(), 2]
     pins = []
@@ -105,37 +132,25 @@ def _make_route(
         faces = [space.sides[obstacle][region.sides[obstacle]] for region in (before, after)]
         face = min((face for face in faces if face.axis >= 0), key=lambda face: priority.index(face.axis))
         pins.append((face.axis, face.value))
-    return Route(_branch(space, regions), tuple(regions), tuple(pins), duration, objective)
-
-
-def _branch(space: FreeSpace, regions: list[Region]) -> str:
-    """The faces other than front and back that the route takes, in the order of travel; "direct" when it changes none."""
-    if len(regions) == 1:
-        return "direct"
-    names: list[str] = []
-    for p, region in enumerate(regions):
-        for obstacle, side in enumerate(region.sides):
-            name = space.sides[obstacle][side].name
-            changes = any(other.sides[obstacle] != side for other in regions)
-            new = p == 0 or regions[p - 1].sides[obstacle] != side
-            if changes and new and name not in ("", "front", "back"):
-                names.append(name)
-    return "+".join(names) or "direct"
+    return Route(tuple(regions), tuple(pins), duration, objective)
 
 
 def _holds(region: Region, pose: np.ndarray) -> bool:
     return bool((pose >= region.lower - CONTAINMENT).all() and (pose <= region.upper + CONTAINMENT).all())
 
 
-def _adjacent(a: Region, b: Region) -> bool:
-    different = sum(i != j for i, j in zip(a.sides, b.sides, strict=True))
-    return different == 1 and bool((np.maximum(a.lower, b.lower) <= np.minimum(a.upper, b.upper)).all())
+def _adjacent(space: FreeSpace, a: Region, b: Region) -> bool:
+    """Whether two regions intersect and differ in the side of one obstacle, of which one has a face to pin the boundary to."""
+    different = [k for k, (i, j) in enumerate(zip(a.sides, b.sides, strict=True)) if i != j]
+    if len(different) != 1:
+        return False
+    obstacle = different[0]
+    if all(space.sides[obstacle][region.sides[obstacle]].axis < 0 for region in (a, b)):
+        return False
+    return bool((np.maximum(a.lower, b.lower) <= np.minimum(a.upper, b.upper)).all())
 
 
-def _laziest_points(regions: list[Region], start: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Per axis the positions of the path that moves only when the next boundary demands it, shape (P + 1, 4)."""
-    points = [start]
-    for before, after in zip(regions, regions[1:], strict=False):
-        low, high = np.maximum(before.lower, after.lower), np.minimum(before.upper, after.upper)
-        points.append(np.clip(points[-1], low, high))
-    return np.array([*points, target]).reshape(-1, POSE_SIZE)
+def _boundaries(regions: Sequence[Region]) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The boxes (lower, upper) shared by consecutive regions."""
+    pairs = zip(regions, regions[1:], strict=False)
+    return [(np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)) for a, b in pairs]

@@ -1,11 +1,10 @@
-"""The report of a run: figures, video and one self-contained HTML file. Matplotlib, Pillow and imageio live here.
+"""The report of a run: figures, video and one HTML file that stands alone.
 
-Names are loaded when first used, so that reading the settings does not load Matplotlib.
-"""
+Matplotlib, Pillow and the video encoder live here."""
 
-from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
+from agile_jax.lazy import lazy_names
 from agile_jax.report.settings import ReportSettings
 
 if TYPE_CHECKING:
@@ -15,10 +14,4 @@ if TYPE_CHECKING:
 
 __all__ = ["ReportSettings", "draw_plan", "render_video", "write_report"]
 
-_HOMES = {"draw_plan": "plan_figures", "render_video": "video", "write_report": "html"}
-
-
-def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+__getattr__ = lazy_names(__name__, {"html": "write_report", "plan_figures": "draw_plan", "video": "render_video"})

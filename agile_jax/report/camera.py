@@ -8,10 +8,12 @@ from agile_jax.report.traces import below_obstacle
 from agile_jax.scene import Scene
 
 AZIMUTH = 90.0  # [deg] MuJoCo's convention: the camera looks along +y, x runs to the right
-ELEVATION = -7.0  # [deg] slightly from above, yet below the slab's underside where the robot passes
+ELEVATION = -4.0  # [deg] so slightly from above that one sees below the near edge of the slab
 FIELD_OF_VIEW = 24.0  # [deg] vertical; narrow, so that the picture is nearly orthographic
-VIEW_HEIGHT = 1.15  # [m] seen at the point looked at
-LOOK_HEIGHT = 0.27  # [m] of the point looked at
+VIEW_HEIGHT = 1.25  # [m] seen at the point looked at
+_ASIDE = 0.36  # [m] from the obstacle's edge to the trunk, in the first and the last snapshot
+LOOK_HEIGHT = 0.25  # [m] of the point looked at
+SEE_THROUGH = 0.5  # greatest opacity of what stands in the scene
 
 
 class Shot(NamedTuple):
@@ -20,6 +22,15 @@ class Shot(NamedTuple):
     qpos: np.ndarray  # (F, nq)
     look_at: np.ndarray  # (F, 3) [m]
     captions: list[str]
+
+
+def join(first: Shot, second: Shot) -> Shot:
+    """The pictures of both, in order."""
+    return Shot(
+        np.concatenate([first.qpos, second.qpos]),
+        np.concatenate([first.look_at, second.look_at]),
+        first.captions + second.captions,
+    )
 
 
 def axes_of_view() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -64,8 +75,8 @@ def snapshots(scene: Scene, time: np.ndarray, qpos: np.ndarray) -> Shot:
         middle = (qpos[first, :2] + qpos[last, :2]) / 2
         distance = np.linalg.norm(qpos[:, :2] - middle, axis=1)
         half = np.linalg.norm(qpos[first, :2] - qpos[last, :2]) / 2
-        before = int(np.abs(distance[: first + 1] - half - 0.42).argmin())
-        after = last + int(np.abs(distance[last:] - half - 0.42).argmin())
+        before = int(np.abs(distance[: first + 1] - half - _ASIDE).argmin())
+        after = last + int(np.abs(distance[last:] - half - _ASIDE).argmin())
         under = first + int(distance[first : last + 1].argmin())
         rows = np.array([before, first, under, after])
         look_at = np.tile([*middle, LOOK_HEIGHT], (4, 1))

@@ -1,7 +1,7 @@
 """A renderer that needs no OpenGL: the model's own boxes, capsules and spheres, painted from far to near.
 
-The projection is orthographic, in which a sphere is a circle, a capsule the hull of two circles and a box the polygon of its faces
-that look at the camera. Obstacles are translucent, so that the robot below them stays visible.
+The projection is orthographic, in which a sphere is a circle, a capsule the hull of two circles and a box the
+polygons of its faces that look at the camera. Obstacles are translucent, so that the robot below them stays visible.
 """
 
 from collections.abc import Iterator
@@ -10,8 +10,17 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw
 
-from agile_jax.report.camera import VIEW_HEIGHT, Shot, axes_of_view
+from agile_jax.report.camera import SEE_THROUGH, VIEW_HEIGHT, Shot, axes_of_view
 
+_PLANE, _SPHERE, _CAPSULE, _BOX = (
+    int(kind)
+    for kind in (
+        mujoco.mjtGeom.mjGEOM_PLANE,
+        mujoco.mjtGeom.mjGEOM_SPHERE,
+        mujoco.mjtGeom.mjGEOM_CAPSULE,
+        mujoco.mjtGeom.mjGEOM_BOX,
+    )
+)
 _SAMPLES = 2  # the picture is drawn this much larger and then reduced, against jagged edges
 _SKY, _FLOOR, _LINE = (244, 247, 250), (223, 226, 228), (205, 209, 212)
 _LIGHT = np.array([-0.35, -0.6, 0.72])
@@ -55,35 +64,33 @@ def draw_frame(model: mujoco.MjModel, data: mujoco.MjData, look_at: np.ndarray, 
     image = Image.new("RGB", (width * _SAMPLES, height * _SAMPLES), _SKY)
     pen = ImageDraw.Draw(image, "RGBA")  # this mode blends translucent colours
     _draw_floor(pen, projection)
-    solid, fixed = [], []
-    for geom in range(model.ngeom):
-        if model.geom_type[geom] == mujoco.mjtGeom.mjGEOM_PLANE or model.geom_rgba[geom, 3] == 0 or _hidden(model, geom):
-            continue
-        (fixed if model.geom_bodyid[geom] == 0 else solid).append(geom)
-    order = np.argsort(-projection.depth(data.geom_xpos[solid])) if solid else []
+    shown = [geom for geom in range(model.ngeom) if _is_shown(model, geom)]
+    far_to_near = [shown[i] for i in np.argsort(-projection.depth(data.geom_xpos[shown]), kind="stable")]
+    fixed = [geom for geom in far_to_near if model.geom_bodyid[geom] == 0]
+    moving = [geom for geom in far_to_near if model.geom_bodyid[geom] != 0]
     for geom in fixed:
-        _draw_geom(pen, projection, model, data, geom, visible=False, alpha=0.30)
-    for geom in solid:
+        _draw_geom(pen, projection, model, data, geom, front=False)
+    for geom in moving:
         _draw_shadow(pen, projection, model, data, geom)
-    for index in order:
-        _draw_geom(pen, projection, model, data, solid[index], visible=True, alpha=1.0)
+    for geom in moving:
+        _draw_geom(pen, projection, model, data, geom, front=True)
     for geom in fixed:
-        _draw_geom(pen, projection, model, data, geom, visible=True, alpha=0.38)
+        _draw_geom(pen, projection, model, data, geom, front=True)
     return np.asarray(image.reduce(_SAMPLES))
 
 
-def _hidden(model: mujoco.MjModel, geom: int) -> bool:
+def _is_shown(model: mujoco.MjModel, geom: int) -> bool:
     """Groups 3 to 5 are those that MuJoCo's own viewers hide."""
-    return bool(model.geom_group[geom] > 2)
+    return bool(model.geom_type[geom] != _PLANE and model.geom_group[geom] <= 2 and model.geom_rgba[geom, 3] > 0)
 
 
 def _draw_floor(pen: ImageDraw.ImageDraw, projection: Projection) -> None:
     x, y = np.round(projection.look_at[:2])
-    corners = np.array([[x - 6, y - 2, 0], [x + 6, y - 2, 0], [x + 6, y + 2, 0], [x - 6, y + 2, 0]], float)
+    corners = np.array([[x - 6, y - 8, 0], [x + 6, y - 8, 0], [x + 6, y + 4, 0], [x - 6, y + 4, 0]], float)
     pen.polygon(_pixels(projection(corners)), fill=_FLOOR)
     for offset in np.arange(-6, 6.01, 0.25):
-        pen.line(_pixels(projection(np.array([[x + offset, y - 2, 0], [x + offset, y + 2, 0]]))), fill=_LINE, width=2)
-    for offset in np.arange(-2, 2.01, 0.25):
+        pen.line(_pixels(projection(np.array([[x + offset, y - 8, 0], [x + offset, y + 4, 0]]))), fill=_LINE, width=2)
+    for offset in np.arange(-8, 4.01, 0.5):
         pen.line(_pixels(projection(np.array([[x - 6, y + offset, 0], [x + 6, y + offset, 0]]))), fill=_LINE, width=2)
 
 
@@ -93,9 +100,9 @@ def _draw_shadow(
     """The geom's axis, straight down on the floor: it shows which feet are in the air."""
     size, center, rotation = model.geom_size[geom], data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
     kind = model.geom_type[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+    if kind == _BOX:
         along, radius = rotation[:, 0] * size[0], size[1]
-    elif kind == mujoco.mjtGeom.mjGEOM_CAPSULE:
+    elif kind == _CAPSULE:
         along, radius = rotation[:, 2] * size[1], size[0]
     else:
         along, radius = np.zeros(3), size[0]
@@ -111,17 +118,17 @@ def _draw_geom(
     model: mujoco.MjModel,
     data: mujoco.MjData,
     geom: int,
-    visible: bool,
-    alpha: float,
+    front: bool,
 ) -> None:
-    """Draw a geom; of a box only the faces that look at the camera (`visible`) or only the others."""
+    """Draw a geom; of a box only the faces that look at the camera (`front`) or only the others."""
     size, center, rotation = model.geom_size[geom], data.geom_xpos[geom], data.geom_xmat[geom].reshape(3, 3)
-    rgb = model.geom_rgba[geom, :3] if model.geom_matid[geom] < 0 else model.mat_rgba[model.geom_matid[geom], :3]
-    kind = model.geom_type[geom]
-    if kind == mujoco.mjtGeom.mjGEOM_BOX:
+    material, kind = model.geom_matid[geom], model.geom_type[geom]
+    rgba = model.geom_rgba[geom] if material < 0 else model.mat_rgba[material]
+    rgb, alpha = rgba[:3], float(rgba[3]) if model.geom_bodyid[geom] else min(float(rgba[3]), SEE_THROUGH)
+    if kind == _BOX:
         for axis, sign in _FACES:
             normal = sign * rotation[:, axis]
-            if (normal @ projection.forward < 0) != visible:
+            if (normal @ projection.forward < 0) != front:
                 continue
             first, second = (axis + 1) % 3, (axis + 2) % 3
             u, v = rotation[:, first] * size[first], rotation[:, second] * size[second]
@@ -130,9 +137,9 @@ def _draw_geom(
             fill, edge = _shade(rgb, normal, alpha)
             pen.polygon(_pixels(projection(corners)), fill=fill, outline=edge)
         return
-    if not visible or kind not in (mujoco.mjtGeom.mjGEOM_CAPSULE, mujoco.mjtGeom.mjGEOM_SPHERE):
+    if not front or kind not in (_CAPSULE, _SPHERE):
         return
-    along = rotation[:, 2] * size[1] if kind == mujoco.mjtGeom.mjGEOM_CAPSULE else np.zeros(3)
+    along = rotation[:, 2] * size[1] if kind == _CAPSULE else np.zeros(3)
     ends = projection(np.stack([center - along, center + along]))
     fill, edge = _shade(rgb, _facing(projection, along), alpha)
     radius = size[0] * projection.scale

@@ -6,7 +6,20 @@ import numpy as np
 from matplotlib.axes import Axes
 
 from agile_jax.report.scene_drawing import draw_obstacles, draw_target
-from agile_jax.report.style import BLACK, BLUE, GREEN, GREY, OBSTACLE, ORANGE, PURPLE, RED, dress, legend, new_figure, save
+from agile_jax.report.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    GREY,
+    OBSTACLE,
+    ORANGE,
+    PURPLE,
+    RED,
+    dress,
+    legend,
+    new_figure,
+    save,
+)
 from agile_jax.report.traces import OUTCOMES, Episode, Outcomes, below_obstacle
 from agile_jax.scene import POSE_SIZE, Scene
 
@@ -44,7 +57,9 @@ def draw_outcomes(scene: Scene, outcomes: Outcomes, path: pathlib.Path) -> pathl
     draw_target(axes, scene, "above")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.08)
-    legend(axes, title=f"{len(outcomes.outcome)} starts", title_fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5))
+    legend(
+        axes, title=f"{len(outcomes.outcome)} starts", title_fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5)
+    )
     return save(figure, path)
 
 
@@ -64,7 +79,9 @@ def draw_episode(scene: Scene, episode: Episode, torque_limit: np.ndarray, path:
 
     speed = dress(panels[1], y_label="speed [m/s]")
     wanted = np.hypot(episode.reference[:, POSE_SIZE], episode.reference[:, POSE_SIZE + 1])
-    speed.plot(time, np.hypot(episode.qvel[:, 0], episode.qvel[:, 1]), color=BLUE, linewidth=1.3, label="trunk, in the plane")
+    speed.plot(
+        time, np.hypot(episode.qvel[:, 0], episode.qvel[:, 1]), color=BLUE, linewidth=1.3, label="trunk, in the plane"
+    )
     speed.plot(time, wanted, color=BLACK, linewidth=1.2, linestyle="--", label="reference")
     speed.set_ylim(bottom=0.0)
     legend(speed, loc="upper right")
@@ -79,7 +96,9 @@ def draw_episode(scene: Scene, episode: Episode, torque_limit: np.ndarray, path:
     if len(finite):
         moment = float(time[int(np.nanargmin(np.where(np.isfinite(episode.clearance), episode.clearance, np.nan)))])
         clearance.plot([moment], [least], "o", color=GREEN, markersize=4)
-        clearance.annotate(f"least: {1e3 * least:.0f} mm", (moment, least), (6, 8), textcoords="offset points", fontsize=8)
+        clearance.annotate(
+            f"least: {1e3 * least:.0f} mm", (moment, least), (6, 8), textcoords="offset points", fontsize=8
+        )
 
     _draw_torques(dress(panels[3], "time [s]", "torque [N m]"), episode, torque_limit, time)
     panels[3].set_xlim(0.0, max(float(time[-1]), 1e-3))

@@ -39,7 +39,7 @@ def draw_learning_curve(rows: list[dict[str, Any]], noise_floor: float | None, p
     """Train and validation error by epoch on a logarithmic scale, with the labels' noise floor.
 
     Args:
-        rows: one object per epoch with `epoch`, `train_mse` and `validation_mse` [(m/s)^2 and (rad/s)^2, mean of the outputs].
+        rows: one object per epoch with `epoch`, `train_mse` and `validation_mse` [mean of (m/s)^2 and (rad/s)^2].
         noise_floor: in the same unit, or None.
         path: of the PNG.
     """
@@ -91,10 +91,9 @@ def draw_velocity_field(
     for axes, label, field, speed in zip(panels, heights, fields, speeds, strict=True):
         dress(axes, y_label="y [m]", title=label)
         draw_obstacles(axes, scene, "above", alpha=0.35)
-        lines = axes.streamplot(
-            x, y, field[..., 0], field[..., 1], color=speed, cmap="viridis", norm=Normalize(0.0, fastest), density=1.3, linewidth=0.9,
-            arrowsize=0.8,
-        )  # fmt: skip
+        norm = Normalize(0.0, fastest)
+        look = {"cmap": "viridis", "norm": norm, "density": 1.3, "linewidth": 0.9, "arrowsize": 0.8}
+        lines = axes.streamplot(x, y, field[..., 0], field[..., 1], color=speed, **look)
         draw_target(axes, scene, "above")
         axes.set_aspect("equal")
         axes.set_xlim(low[0], high[0])

@@ -2,8 +2,8 @@
 
     python -m agile_jax.report.opengl FOLDER < /dev/null > frames.rgb
 
-FOLDER holds model.mjb and shot.npz (qpos, look_at, width, height). The pictures go to standard output as raw RGB, one after the other, so
-that the caller encodes while the next one is rendered.
+FOLDER holds model.mjb and shot.npz (qpos, look_at, size). The pictures go to standard output as raw RGB, one after the
+other, so that the caller encodes while the next one is rendered.
 """
 
 import os
@@ -13,19 +13,19 @@ import sys
 import tempfile
 import threading
 from collections.abc import Iterator, Mapping
+from typing import IO
 
 import mujoco
 import numpy as np
 
-from agile_jax.report.camera import AZIMUTH, ELEVATION, FIELD_OF_VIEW, VIEW_HEIGHT, Shot
+from agile_jax.report.camera import AZIMUTH, ELEVATION, FIELD_OF_VIEW, SEE_THROUGH, VIEW_HEIGHT, Shot
 
 DISABLED = ("0", "disable", "disabled", "false", "off")  # MuJoCo's words for "no rendering"
 SYSTEM_PACKAGES = "apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri libosmesa6"
-OBSTACLE_ALPHA = 0.35
 _TIMEOUT = 300.0  # [s] of one shot
 
 
-class NoPictures(RuntimeError):
+class RenderError(RuntimeError):
     """This way of rendering does not work here; the text is the last line of its complaint."""
 
 
@@ -43,7 +43,7 @@ def opengl_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int, ba
     """The pictures of a shot, each (height, width, 3) uint8, rendered with MUJOCO_GL=`backend`.
 
     Raises:
-        NoPictures: the backend does not work here, or its process died; some pictures may have come before.
+        RenderError: the backend does not work here, or its process died; some pictures may have come before.
     """
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
@@ -63,7 +63,7 @@ def opengl_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int, ba
                     picture = process.stdout.read(width * height * 3)
                     if len(picture) < width * height * 3:
                         process.wait()
-                        raise NoPictures(_complaint(errors, process.returncode))
+                        raise RenderError(_complaint(errors, process.returncode))
                     yield np.frombuffer(picture, np.uint8).reshape(height, width, 3)
             finally:
                 watchdog.cancel()
@@ -73,7 +73,7 @@ def opengl_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int, ba
                     process.stdout.close()
 
 
-def _complaint(errors, code: int) -> str:  # type: ignore[no-untyped-def]
+def _complaint(errors: IO[bytes], code: int) -> str:
     errors.seek(0)
     lines = [line.strip() for line in errors.read().decode(errors="replace").splitlines() if line.strip()]
     return lines[-1][:200] if lines else f"the rendering process ended with {code}"
@@ -90,7 +90,7 @@ def _render(folder: pathlib.Path) -> None:
     model.vis.global_.fovy = FIELD_OF_VIEW
     model.vis.quality.offsamples = 0  # software OpenGL is several times slower with multisampling
     fixed = (model.geom_bodyid == 0) & (model.geom_type == mujoco.mjtGeom.mjGEOM_BOX)
-    model.geom_rgba[fixed, 3] = OBSTACLE_ALPHA
+    model.geom_rgba[fixed, 3] = np.minimum(model.geom_rgba[fixed, 3], SEE_THROUGH)
     data = mujoco.MjData(model)
     camera = mujoco.MjvCamera()
     camera.type = mujoco.mjtCamera.mjCAMERA_FREE

@@ -7,7 +7,16 @@ from typing import Any, Protocol
 import numpy as np
 from matplotlib.axes import Axes
 
-from agile_jax.report.scene_drawing import VIEW_AXES, View, box_outline, draw_floor, draw_obstacles, draw_target, draw_torso, frame
+from agile_jax.report.scene_drawing import (
+    VIEW_AXES,
+    View,
+    box_outline,
+    draw_floor,
+    draw_obstacles,
+    draw_target,
+    draw_torso,
+    frame,
+)
 from agile_jax.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, dress, new_figure, save
 from agile_jax.scene import BoxSettings, Scene, SceneSettings, TableSettings
 

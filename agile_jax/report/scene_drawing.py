@@ -36,7 +36,9 @@ def draw_obstacles(axes: Axes, scene: Scene, view: View, alpha: float = 0.55) ->
     """Fill the silhouette of every obstacle."""
     for center, half, yaw in zip(scene.obstacle_centers, scene.obstacle_half_sizes, scene.obstacle_yaws, strict=True):
         corners = box_outline(center, half, float(yaw), view)
-        axes.add_patch(Polygon(corners, facecolor=OBSTACLE, edgecolor="#7A6A55", linewidth=0.8, alpha=alpha, zorder=1.5))
+        axes.add_patch(
+            Polygon(corners, facecolor=OBSTACLE, edgecolor="#7A6A55", linewidth=0.8, alpha=alpha, zorder=1.5)
+        )
 
 
 def draw_floor(axes: Axes) -> None:

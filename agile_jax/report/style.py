@@ -1,6 +1,6 @@
-"""The look of the figures: colours that stay apart for colour-blind readers, and figures without pyplot's global state.
+"""The look of the figures: colours that colour-blind readers can tell apart, and no global state of pyplot.
 
-Colours are those of Okabe and Ito (Color Universal Design, 2008), with the red of P. Tol's vibrant scheme for the 2D path.
+The colours are those of Okabe and Ito (Color Universal Design, 2008), with the red of P. Tol's vibrant scheme.
 """
 
 import io

@@ -26,7 +26,7 @@ class Outcomes(NamedTuple):
 class Episode(NamedTuple):
     """One recorded episode of K moments."""
 
-    index: int  # row of the evaluation
+    row: int  # of the evaluation
     outcome: str
     time: np.ndarray  # (K,) [s]
     qpos: np.ndarray  # (K, 19) base position [m], quaternion wxyz, joints [rad]
@@ -48,7 +48,9 @@ def load_outcomes(path: pathlib.Path) -> Outcomes:
     arrays = _load(path, ("start", "outcome"))
     start, outcome = arrays["start"], arrays["outcome"]
     if start.ndim != 2 or start.shape[1] != POSE_SIZE or outcome.shape != start.shape[:1]:
-        raise BadInput(f"{path}: start has shape {start.shape} and outcome {outcome.shape}, not (n, {POSE_SIZE}) and (n,)")
+        raise BadInput(
+            f"{path}: start has shape {start.shape} and outcome {outcome.shape}, not (n, {POSE_SIZE}) and (n,)"
+        )
     if not np.isin(outcome, np.arange(len(OUTCOMES))).all():
         raise BadInput(f"{path}: outcome holds numbers outside 0 to {len(OUTCOMES) - 1}")
     return Outcomes(start, outcome.astype(int))
@@ -70,7 +72,7 @@ def load_episodes(path: pathlib.Path, outcomes: Outcomes) -> list[Episode]:
             raise BadInput(f"{path}: {name} has shape {arrays[name].shape}, not {shape}")
     if count > len(outcomes.outcome) or (length < 0).any() or (length > steps).any():
         raise BadInput(f"{path}: the {count} traces do not fit the {len(outcomes.outcome)} episodes")
-    fields = [name for name in Episode._fields if name not in ("index", "outcome")]
+    fields = [name for name in Episode._fields if name not in ("row", "outcome")]
     return [
         Episode(row, OUTCOMES[outcomes.outcome[row]], *(arrays[name][row, : int(length[row])] for name in fields))
         for row in range(count)
@@ -79,7 +81,7 @@ def load_episodes(path: pathlib.Path, outcomes: Outcomes) -> list[Episode]:
 
 
 def below_obstacle(scene: Scene, position: np.ndarray) -> np.ndarray:
-    """For each position (K, 3) the underside [m] of the lowest obstacle above it, NaN where there is none. Shape (K,)."""
+    """The underside [m] of the lowest obstacle above each position (K, 3), NaN where there is none. Shape (K,)."""
     underside = np.full(len(position), np.inf)
     for center, half, yaw in zip(scene.obstacle_centers, scene.obstacle_half_sizes, scene.obstacle_yaws, strict=True):
         local = (position[:, :2] - center[:2]) @ rotation_2d(np.asarray(yaw))

@@ -1,25 +1,28 @@
 """The video of an episode and its snapshots: OpenGL where there is one, a plain drawing elsewhere."""
 
+import itertools
 import os
 import pathlib
+import subprocess
+import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
-import imageio.v2 as imageio
+import imageio_ffmpeg  # type: ignore[import-untyped]
 import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from agile_jax.report.camera import Shot, film
 from agile_jax.report.drawing import drawn_frames
-from agile_jax.report.opengl import SYSTEM_PACKAGES, NoPictures, candidates, opengl_frames
+from agile_jax.report.opengl import SYSTEM_PACKAGES, RenderError, candidates, opengl_frames
 from agile_jax.report.settings import ReportSettings
 from agile_jax.robot import RobotSettings, build_mujoco_model
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.settings import BadInput
 
-_SIM_DT = 0.002  # [s] of the model that is drawn; nothing is simulated
+SIM_DT = 0.002  # [s] of the model that is drawn; nothing is simulated
 
 
 class Moving(Protocol):
@@ -63,7 +66,7 @@ def render_video(
         BadInput: the trace is empty or does not fit the robot.
     """
     settings = settings or ReportSettings()
-    model = build_mujoco_model(make_scene(scene), robot, _SIM_DT)
+    model = build_mujoco_model(make_scene(scene), robot, SIM_DT)
     shot = film(np.asarray(trace.time), np.asarray(trace.qpos), settings.frames_per_second, settings.longest_video)
     return render_shot(model, shot, settings, lambda frames: write_mp4(path, frames, settings.frames_per_second)).note
 
@@ -86,7 +89,7 @@ def render_shot(
         try:
             consume(_with_captions(opengl_frames(model, shot, settings.width, settings.height, backend), shot.captions))
             return Rendered(backend, None)
-        except NoPictures as error:
+        except RenderError as error:
             failures.append(f"{backend}: {error}")
     consume(_with_captions(drawn_frames(model, shot, settings.width, settings.height), shot.captions))
     note = None
@@ -96,24 +99,40 @@ def render_shot(
 
 
 def write_mp4(path: pathlib.Path, frames: Iterator[np.ndarray], frames_per_second: int) -> None:
-    """Encode pictures as H.264 that browsers play, and move the finished file into place."""
+    """Encode pictures (height, width, 3) uint8 as H.264 that browsers play, and move the finished file into place.
+
+    The encoder is the one that the wheel of imageio-ffmpeg brings. It is started here and not by imageio, whose fork
+    would run Python in a child of a process that has JAX's threads.
+
+    Raises:
+        OSError: the encoder failed or the disk is full.
+    """
+    first = next(frames)
+    height, width = first.shape[:2]
     path.parent.mkdir(parents=True, exist_ok=True)
     temporary = path.with_name(f".{path.stem}.{uuid.uuid4().hex}.mp4")
-    try:
-        with imageio.get_writer(
-            temporary,
-            format="FFMPEG",  # type: ignore[arg-type]
-            fps=frames_per_second,
-            codec="libx264",
-            macro_block_size=2,
-            ffmpeg_log_level="error",
-            output_params=["-crf", "25", "-preset", "veryfast", "-movflags", "+faststart", "-fflags", "+bitexact"],
-        ) as writer:
-            for frame in frames:
-                writer.append_data(frame)
-        os.replace(temporary, path)
-    finally:
-        temporary.unlink(missing_ok=True)
+    source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(frames_per_second), "-i", "-"]
+    coding = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", "25", "-threads", "1"]
+    layout = ["-movflags", "+faststart", "-fflags", "+bitexact", "-map_metadata", "-1"]
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-y", *source, *coding, *layout, str(temporary)]
+    with tempfile.TemporaryFile() as errors:
+        encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors)
+        try:
+            assert encoder.stdin is not None
+            try:
+                for frame in itertools.chain([first], frames):
+                    encoder.stdin.write(frame.tobytes())
+                encoder.stdin.close()
+            except BrokenPipeError:
+                pass  # the encoder ended early; its exit status and complaint follow
+            if encoder.wait() != 0:
+                errors.seek(0)
+                raise OSError(f"{path} could not be encoded: {errors.read().decode(errors='replace').strip()[-300:]}")
+            os.replace(temporary, path)
+        finally:
+            encoder.kill()
+            encoder.wait()
+            temporary.unlink(missing_ok=True)
 
 
 def _with_captions(frames: Iterator[np.ndarray], captions: list[str]) -> Iterator[np.ndarray]:

@@ -22,6 +22,8 @@ from agile_jax.robot.model import (
 from agile_jax.robot.mujoco_model import (
     IMAGE_SIZE,
     OBSTACLE_PREFIX,
+    TOUCH_FLOOR_PREFIX,
+    TOUCH_OBSTACLE_PREFIX,
     VISUAL_GROUP,
     build_mujoco_model,
     standing_qpos,
@@ -39,6 +41,8 @@ __all__ = [
     "OBSTACLE_PREFIX",
     "QPOS_SIZE",
     "QVEL_SIZE",
+    "TOUCH_FLOOR_PREFIX",
+    "TOUCH_OBSTACLE_PREFIX",
     "VISUAL_GROUP",
     "LinkPoses",
     "RobotModel",

@@ -14,6 +14,8 @@ from agile_jax.scene import Scene
 
 FLOOR_BIT, OBSTACLE_BIT = 1, 2  # contype of what stands in the scene; the robot's conaffinity chooses among them
 OBSTACLE_PREFIX = "obstacle_"
+TOUCH_OBSTACLE_PREFIX = "touch_obstacle_"
+TOUCH_FLOOR_PREFIX = "touch_floor_"
 VISUAL_GROUP = 2
 IMAGE_SIZE = (1280, 720)  # largest picture that can be rendered off screen [pixels]
 _GLASS = [0.55, 0.38, 0.22, 0.22]
@@ -25,7 +27,8 @@ def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> 
     """Floor, obstacles, robot, light and cameras.
 
     Obstacles are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track` (follows the trunk).
-    The robot collides with the floor and with obstacles, never with itself; automatic reset is off.
+    The robot collides with the floor and with obstacles, never with itself; automatic reset is off. Contact sensors count what must
+    not happen: `touch_obstacle_0`, ... (any part of the robot on that obstacle) and `touch_floor_<geom>` (trunk, hips, thighs).
 
     Args:
         scene: obstacles and target.
@@ -40,6 +43,8 @@ def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> 
         _add_obstacle(spec, scene, index)
     _add_target(spec, scene)
     _add_cameras(spec, scene)
+    _add_touch_sensors(spec, len(scene.obstacle_centers))
+    spec.memory = 4 << 20
     return spec.compile()
 
 
@@ -176,6 +181,31 @@ def _add_cameras(spec: mujoco.MjSpec, scene: Scene) -> None:
         xyaxes=_look_at(offset, np.zeros(3)),
         fovy=45,
     )
+
+
+def _add_touch_sensors(spec: mujoco.MjSpec, obstacles: int) -> None:
+    """Sensors, and not the list of contacts, because they are the same in MuJoCo C, in MJX and in mujoco.rollout."""
+
+    def add(name: str, geom: str, **other: object) -> None:
+        spec.add_sensor(
+            name=name,
+            type=mujoco.mjtSensor.mjSENS_CONTACT,
+            objtype=mujoco.mjtObj.mjOBJ_GEOM,
+            objname=geom,
+            intprm=[1, 0, 1],  # data "found", no reduction, one slot
+            **other,
+        )
+
+    for index in range(obstacles):
+        add(TOUCH_OBSTACLE_PREFIX + str(index), OBSTACLE_PREFIX + str(index))
+    for geom in spec.geoms:
+        if geom.conaffinity & FLOOR_BIT and not geom.name.endswith("_foot"):
+            add(
+                TOUCH_FLOOR_PREFIX + geom.name,
+                "floor",
+                reftype=mujoco.mjtObj.mjOBJ_GEOM,
+                refname=geom.name,
+            )
 
 
 def _look_at(eye: np.ndarray, point: np.ndarray) -> np.ndarray:

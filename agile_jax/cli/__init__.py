@@ -1,0 +1,118 @@
+"""The `agile` command: parses, calls one library function, prints.
+
+Exit codes: 0 done, 1 finished with failures that are named, 2 bad input, 130 and 143 interrupted by SIGINT and SIGTERM.
+"""
+
+import os
+import pathlib
+import signal
+import sys
+from collections.abc import Sequence
+from types import FrameType
+from typing import NoReturn
+
+from agile_jax.settings import BadInput
+
+DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+
+COMMANDS = {  # name: (arguments, what it does)
+    "run": ("EXPERIMENT.toml", "the whole pipeline: expert, training, evaluation, report"),
+    "expert": ("EXPERIMENT.toml", "solve the optimal control problems: the dataset"),
+    "train": ("EXPERIMENT.toml", "train the velocity field, after what it needs"),
+    "evaluate": ("EXPERIMENT.toml", "closed-loop episodes of the robot, after what they need"),
+    "report": ("EXPERIMENT.toml", "figures, video and report.html, after what they need"),
+    "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
+    "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
+    "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
+    "schema": ("", "the JSON schema of experiment files"),
+}
+
+
+class Terminated(BaseException):
+    """SIGTERM arrived. Not an Exception, so that no stage takes it for a failure of its own."""
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one command and return its exit code.
+
+    Args:
+        arguments: after the program's name; None takes them from the command line.
+    """
+    argv = list(sys.argv[1:] if arguments is None else arguments)
+    if not argv or argv[0] in ("-h", "--help", "help"):
+        print(overview())
+        return DONE if argv else BAD_INPUT
+    if argv[0] == "--version":
+        from importlib.metadata import version
+
+        print(f"agile_jax {version('agile_jax')}")
+        return DONE
+    signal.signal(signal.SIGTERM, _terminate)
+    resume = "the same command goes on where this one stopped"
+    try:
+        return _dispatch(argv[0], argv[1:])
+    except BadInput as error:
+        return _say(str(error), BAD_INPUT)
+    except BrokenPipeError:  # the reader of our output has gone (`| head`)
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return DONE
+    except OSError as error:
+        where = f"{error.filename}: " if error.filename else ""
+        return _say(f"{where}{error.strerror or error}; what was finished is kept, {resume}", FAILED)
+    except KeyboardInterrupt:
+        return _say(f"interrupted; {resume}", INTERRUPTED)
+    except Terminated:
+        return _say(f"terminated; {resume}", TERMINATED)
+
+
+def overview() -> str:
+    """The text of `agile --help`."""
+    lines = [f"  agile {name + ' ' + arguments:<41}{does}" for name, (arguments, does) in COMMANDS.items()]
+    return "\n".join(
+        [
+            "usage: agile COMMAND [ARGUMENTS] [OPTIONS]",
+            "",
+            "From optimal control to a robot that crawls under a table.",
+            "",
+            *lines,
+            "",
+            "`agile COMMAND --help` lists the options; `agile COMMAND EXPERIMENT.toml --help` shows that file's values.",
+            "Every setting of an experiment is an option, for example --training.learning-rate 0.1.",
+            "The same command goes on where an earlier one stopped. `agile --version` prints the version.",
+        ]
+    )
+
+
+def _dispatch(name: str, argv: list[str]) -> int:
+    if name not in COMMANDS:
+        import difflib
+
+        near = difflib.get_close_matches(name, COMMANDS, 1)
+        hint = f"did you mean `agile {near[0]}`? " if near else ""
+        raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
+    if name != "schema":
+        _prepare_jax()
+    from agile_jax.cli import commands
+
+    code: int = getattr(commands, name)(argv)
+    return code
+
+
+def _prepare_jax() -> None:
+    """Set JAX's flags for this process and its children, before anything imports it: compile once for all runs of this user."""
+    cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "agile_jax" / "jax"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
+    os.environ.setdefault("JAX_ENABLE_X64", "0")
+
+
+def _terminate(number: int, frame: FrameType | None) -> NoReturn:
+    del frame
+    signal.signal(number, signal.SIG_DFL)  # a second one ends the process at once
+    raise Terminated
+
+
+def _say(text: str, code: int) -> int:
+    first, *rest = text.splitlines()
+    print("\n".join([f"agile: {first}", *(f"  {line}" for line in rest)]), file=sys.stderr, flush=True)
+    return code

@@ -1,0 +1,208 @@
+"""The commands: each takes its arguments, calls one library function and prints what came of it; returns the exit code."""
+
+import dataclasses
+import json
+import pathlib
+import sys
+
+import tyro
+
+from agile_jax.cli import DONE, FAILED
+from agile_jax.cli.arguments import parse_experiment, parse_run_dir
+from agile_jax.pipeline import StageResult, failures, stages_up_to, states
+from agile_jax.progress import shown
+from agile_jax.settings import BadInput
+
+Start = tuple[float, float, float, float]
+
+HIGHLIGHTS = {  # what a line about a stage shows of its summary
+    "dataset": ("trajectories", "labels_per_second", "optimality_gap_median"),
+    "training": ("validation_mse", "noise_floor_mse", "seconds"),
+    "evaluation": ("success_rate", "success_rate_low", "success_rate_high", "arrival_time_ratio_median", "seconds"),
+    "report": (),
+}
+
+
+@dataclasses.dataclass(frozen=True)
+class RunOptions:
+    """How to run; nothing here changes a result."""
+
+    run_dir: pathlib.Path | None = None
+    """Where to write; runs/NAME if not given."""
+    workers: int | None = None
+    """Worker processes of the local engine; one a core if not given."""
+    engine: str = "local"
+    """Who does the work: local, inline (this process), or tcp://HOST:PORT of a Dask scheduler."""
+    overwrite: bool = False
+    """Move stage folders made with other settings aside, instead of refusing."""
+    dry_run: bool = False
+    """Print what would be done, and do nothing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class PlanOptions:
+    """One expert solve."""
+
+    start: Start
+    """Pose x y z yaw [m, rad]."""
+    output: pathlib.Path | None = pathlib.Path("plan.png")
+    """The drawing; None draws nothing."""
+
+
+@dataclasses.dataclass(frozen=True)
+class RolloutOptions:
+    """One closed-loop episode."""
+
+    start: Start
+    """Pose x y z yaw [m, rad]."""
+    video: pathlib.Path | None = None
+    """Film it, for example out.mp4."""
+
+
+def run(argv: list[str]) -> int:
+    """`agile run`: all stages."""
+    return _run_stages("run", "report", argv)
+
+
+def expert(argv: list[str]) -> int:
+    """`agile expert`: the dataset."""
+    return _run_stages("expert", "dataset", argv)
+
+
+def train(argv: list[str]) -> int:
+    """`agile train`: the policy, after what it needs."""
+    return _run_stages("train", "training", argv)
+
+
+def evaluate(argv: list[str]) -> int:
+    """`agile evaluate`: episodes, after what they need."""
+    return _run_stages("evaluate", "evaluation", argv)
+
+
+def report(argv: list[str]) -> int:
+    """`agile report`: the report, after what it needs."""
+    return _run_stages("report", "report", argv)
+
+
+def sweep(argv: list[str]) -> int:
+    """`agile sweep`: the grid of the file's [sweep.space]."""
+    from agile_jax.sweep import list_trials, run_sweep, table
+
+    experiment, options = parse_experiment("sweep", RunOptions(), argv)
+    _check(options)
+    sweep_dir = options.run_dir or pathlib.Path("runs") / experiment.name
+    if options.dry_run:
+        print(table(experiment, list_trials(experiment, sweep_dir)))
+        return DONE
+    with shown() as progress:
+        trials = run_sweep(experiment, sweep_dir, engine=options.engine, workers=options.workers, progress=progress)
+    print(table(experiment, trials))
+    print(f"results: {sweep_dir / 'sweep.json'}")
+    return FAILED if any(trial.status == "failed" for trial in trials) else DONE
+
+
+def plan(argv: list[str]) -> int:
+    """`agile plan`: one expert solve, printed and drawn."""
+    from agile_jax.planning import plan as solve
+
+    experiment, options = parse_experiment("plan", PlanOptions(start=tyro.MISSING), argv)
+    solution = solve(experiment, options.start, options.output)
+    if solution.status != "solved":
+        print(f"no path from {list(options.start)}: {solution.cause}", file=sys.stderr)
+        return FAILED
+    print(f"duration      {solution.duration:.4f} s")
+    print(f"lower bound   {solution.lower_bound:.4f} s (gap {100 * solution.gap:.2f} %)")
+    print(f"branch        {solution.branch}")
+    print(f"clearance     {solution.min_clearance:.4f} m at the least")
+    print(f"solved in     {1000 * solution.solve_time_s:.0f} ms")
+    if options.output is not None:
+        print(f"drawing       {options.output}")
+    return DONE
+
+
+def rollout(argv: list[str]) -> int:
+    """`agile rollout`: one closed-loop episode of a finished run."""
+    from agile_jax.experiment import load_experiment
+
+    run_dir, options = parse_run_dir("rollout", RolloutOptions(start=tyro.MISSING), argv)
+    if not run_dir.is_dir():
+        raise BadInput(f"{run_dir}: no such run directory; `agile run EXPERIMENT.toml` makes one")
+    experiment = load_experiment(run_dir / "experiment.toml")
+    state = states(experiment, run_dir, ("training",))["training"]
+    if state != "done":
+        raise BadInput(f"{run_dir}: its training is not finished; `agile train {run_dir / 'experiment.toml'}` first")
+    from agile_jax.evaluation import rollout_one
+
+    with shown() as progress:
+        result = rollout_one(run_dir, experiment, options.start, video=options.video, progress=progress)
+    for key, value in result.items():
+        print(f"{key:<28}{_number(value)}")
+    return DONE
+
+
+def schema(argv: list[str]) -> int:
+    """`agile schema`: the JSON schema of experiment files."""
+    from agile_jax.experiment import json_schema
+
+    if argv and argv[0] in ("-h", "--help"):
+        print("usage: agile schema\n\nPrint the JSON schema of experiment files, for editors and other programs.")
+        return DONE
+    if argv:
+        raise BadInput(f"schema takes no arguments, not {' '.join(argv)}")
+    print(json.dumps(json_schema(), indent=2))
+    return DONE
+
+
+def _run_stages(command: str, last: str, argv: list[str]) -> int:
+    from agile_jax import pipeline
+
+    experiment, options = parse_experiment(command, RunOptions(), argv)
+    _check(options)
+    run_dir = options.run_dir or pathlib.Path("runs") / experiment.name
+    stages = stages_up_to(last)
+    if options.dry_run:
+        if not options.overwrite:
+            pipeline.refuse_other_settings(run_dir, experiment, stages)
+        print(f"{experiment.name} in {run_dir}:")
+        for stage, state in states(experiment, run_dir, stages).items():
+            print(f"  {stage:<12}{_INTENT[state]}")
+        return DONE
+    with shown() as progress:
+        results = pipeline.run(
+            experiment,
+            run_dir,
+            stages,
+            engine=options.engine,
+            workers=options.workers,
+            overwrite=options.overwrite,
+            progress=progress,
+        )
+    for result in results.values():
+        print(_line(result))
+    found = failures(results)
+    for failure in found:
+        print(failure, file=sys.stderr)
+    return FAILED if found else DONE
+
+
+_INTENT = {
+    "done": "is done, will be reused",
+    "begun": "was begun, will go on",
+    "new": "will be made",
+    "other settings": "was made with other settings: will be moved aside and made anew",
+}
+
+
+def _check(options: RunOptions) -> None:
+    if options.workers is not None and options.workers < 1:
+        raise BadInput(f"--workers = {options.workers}: must be at least 1")
+
+
+def _line(result: StageResult) -> str:
+    shown_keys = [key for key in HIGHLIGHTS[result.stage] if key in result.summary]
+    numbers = "".join(f"  {key} {_number(result.summary[key])}" for key in shown_keys)
+    return f"{result.stage:<12}{'reused' if result.reused else 'made':<8}{result.path}{numbers}"
+
+
+def _number(value: object) -> str:
+    return f"{value:.4g}" if isinstance(value, float) else str(value)

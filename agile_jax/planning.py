@@ -1,0 +1,32 @@
+"""One expert solve from a given start, and its picture."""
+
+import pathlib
+
+import numpy as np
+
+from agile_jax.experiment import Experiment
+from agile_jax.expert import ExpertSolution, check_start, make_expert
+from agile_jax.scene import make_scene
+
+
+def plan(experiment: Experiment, start: tuple[float, ...], output: pathlib.Path | None = None) -> ExpertSolution:
+    """Solve the experiment's optimal control problem from one pose.
+
+    Args:
+        experiment: its scene and expert are used.
+        start: pose [x, y, z, yaw] [m, rad].
+        output: of the drawing, a PNG; None draws nothing.
+
+    Raises:
+        BadInput: the start is outside the bounds or too near to an obstacle.
+        OSError: the drawing cannot be written.
+    """
+    scene, pose = make_scene(experiment.scene), np.array(start, float)
+    check_start(scene, experiment.expert, pose)
+    solution = make_expert(scene, experiment.expert).solve(pose)
+    if output is not None and solution.status == "solved":
+        from agile_jax.report import draw_plan
+
+        output.parent.mkdir(parents=True, exist_ok=True)
+        draw_plan(scene, {solution.branch: solution.trajectory}, output, experiment.name)
+    return solution

@@ -1,0 +1,89 @@
+"""The report of a run directory: one HTML file that stands alone, beside the figures and videos it shows."""
+
+import pathlib
+from collections.abc import Callable
+
+from agile_jax.files import write_atomic
+from agile_jax.progress import Progress, silent
+from agile_jax.report import run_figures, sections
+from agile_jax.report.page import Section, page, paragraph
+from agile_jax.report.run_figures import Inputs
+from agile_jax.settings import BadInput
+
+
+def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress = silent) -> pathlib.Path:
+    """Write `report.html`, `figures/*.png` and `videos/*.mp4` of a run.
+
+    What the run does not hold yet is left out with a sentence.
+
+    Args:
+        run_dir: as the pipeline leaves it (docs/architecture.md); any stage may be missing.
+        experiment: the run's settings.
+        progress: called with (parts done, parts, what comes next); a note on missing OpenGL comes this way, too.
+
+    Returns:
+        The path of the HTML file.
+
+    Raises:
+        OSError: the folder cannot be written.
+    """
+
+    def guarded(part: Callable[[], str]) -> str:
+        try:
+            return part()
+        except BadInput as error:
+            return paragraph(f"Left out: {str(error).replace(f'{run_dir}/', '')}")
+
+    backends = [path.stem for path in sorted((run_dir / "evaluation").glob("*.json"))]
+    total = 3 + len(backends)
+    problems: list[str] = []
+    dataset = _read(run_dir / "dataset" / "summary.json", run_dir, problems)
+    training = _read(run_dir / "training" / "summary.json", run_dir, problems)
+    evaluations = {name: _read(run_dir / "evaluation" / f"{name}.json", run_dir, problems) or {} for name in backends}
+
+    progress(0, total, "planned paths")
+    plan = guarded(lambda: run_figures.paths(run_dir, experiment))
+    progress(1, total, "learned field")
+    floor = (training or {}).get("noise_floor_mse")
+    learning = guarded(lambda: sections.training_table(training))
+    learning += guarded(lambda: run_figures.learning_curve(run_dir, floor if isinstance(floor, float) else None))
+    learning += guarded(lambda: run_figures.velocity_field(run_dir, experiment))
+    results, pictures = [], ""
+    for number, backend in enumerate(backends):
+        progress(2 + number, total, f"episodes of {backend}")
+        body = sections.evaluation_table(evaluations[backend])
+        try:
+            shown, moving, note = run_figures.evaluation(run_dir, experiment, backend)
+        except BadInput as error:
+            shown, moving, note = paragraph(f"Left out: {str(error).replace(f'{run_dir}/', '')}"), "", None
+        if note:
+            progress(2 + number, total, note)
+        pictures += moving
+        results.append(Section(f"evaluation-{backend}", f"Evaluation: {backend}", body + shown))
+    progress(total - 1, total, "page")
+
+    overview = sections.overview(dataset, training, evaluations) + "".join(paragraph(text) for text in problems)
+    parts = [
+        Section("overview", "Overview", overview),
+        Section("video", "The robot", pictures or paragraph("No episode has been recorded yet.")),
+        Section("paths", "Planned paths", plan),
+        *(results or [Section("evaluation", "Evaluation", paragraph("The policy has not been evaluated yet."))]),
+        Section("policy", "Policy", learning),
+        Section("dataset", "Dataset", guarded(lambda: sections.dataset_table(dataset))),
+        sections.settings_section(run_dir),
+        Section("environment", "Environment", guarded(lambda: sections.environment_table(run_dir))),
+    ]
+    path = run_dir / "report.html"
+    subtitle = "From optimal control to a robot that crawls under the table: what this run did, and how well."
+    write_atomic(path, page(experiment.name, subtitle, parts).encode())
+    progress(total, total, "done")
+    return path
+
+
+def _read(path: pathlib.Path, run_dir: pathlib.Path, problems: list[str]) -> dict | None:
+    """The summary, None when it is missing or damaged; the latter is added to `problems`."""
+    try:
+        return sections.read_json(path)
+    except BadInput as error:
+        problems.append(str(error).replace(f"{run_dir}/", ""))
+        return None

@@ -1,0 +1,200 @@
+"""The figures and the video of a run, as HTML: each reads what it needs from the run directory.
+
+What is not there yet is left out with a sentence.
+"""
+
+import io
+import pathlib
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from PIL import Image
+
+from agile_jax.expert import ExpertSettings, Trajectory, make_expert, planning_margin
+from agile_jax.files import write_atomic
+from agile_jax.report import page
+from agile_jax.report.camera import film, join, snapshots
+from agile_jax.report.episode_figures import draw_episode, draw_outcomes
+from agile_jax.report.learning_figures import draw_learning_curve, draw_velocity_field, read_metrics
+from agile_jax.report.plan_figures import draw_plan, full_height
+from agile_jax.report.settings import ReportSettings
+from agile_jax.report.traces import Episode, choose_episode, load_episodes, load_outcomes, went_under
+from agile_jax.report.video import SIM_DT, render_shot, write_mp4
+from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
+from agile_jax.scene import Scene, SceneSettings, clearance, make_scene
+
+if TYPE_CHECKING:
+    from agile_jax.policy import PolicySettings
+
+
+class Inputs(Protocol):
+    """The settings that a report reads; an Experiment has them."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def scene(self) -> SceneSettings: ...  # noqa: D102
+
+    @property
+    def expert(self) -> ExpertSettings: ...  # noqa: D102
+
+    @property
+    def policy(self) -> "PolicySettings": ...  # noqa: D102
+
+    @property
+    def robot(self) -> RobotSettings: ...  # noqa: D102
+
+    @property
+    def report(self) -> ReportSettings: ...  # noqa: D102
+
+
+def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
+    """The paper's figure 2: the plan in space and the plan in the plane, from one start at the target's height."""
+    scene = make_scene(inputs.scene)
+    start = np.array([*inputs.report.paths_start, scene.target[2], scene.target[3]])
+    flat_settings = full_height(inputs.scene)
+    plans = {"3D: may change its height": scene}
+    if flat_settings != inputs.scene:
+        plans["2D: keeps its height,\nthe table is a full box"] = make_scene(flat_settings)
+    drawn: dict[str, Trajectory] = {}
+    sentences = []
+    for label, world in plans.items():
+        short = label.split(":")[0]
+        blocked = [
+            name for name, pose in (("start", start), ("target", world.target))
+            if clearance(world, pose) < planning_margin(inputs.expert)
+        ]  # fmt: skip
+        if blocked:
+            sentences.append(f"There is no {short} path: its {blocked[0]} is too near to an obstacle.")
+            continue
+        solution = make_expert(world, inputs.expert).solve(start)
+        if solution.status == "solved":
+            drawn[f"{label}\n({solution.branch})"] = solution.trajectory
+            sentences.append(
+                f"{short}: {solution.duration:.2f} s, {solution.branch}, at least {solution.lower_bound:.2f} s."
+            )
+        else:
+            sentences.append(f"The expert found no {short} path: {solution.cause}.")
+    words = page.paragraph(" ".join(sentences))
+    if not drawn:
+        return words
+    path = draw_plan(scene, drawn, run_dir / "figures" / "paths.png")
+    caption = (
+        f"Minimum-time paths from ({start[0]:g}, {start[1]:g}) m to the target, from above, from the side and from the "
+        "front. Rectangles: the torso's envelope at equal intervals of time."
+    )
+    return page.picture(path, caption) + words
+
+
+def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
+    """Error by epoch."""
+    metrics = run_dir / "training" / "metrics.jsonl"
+    rows = read_metrics(metrics) if metrics.is_file() else []
+    if not rows:
+        return page.paragraph("There is no learning curve: training/metrics.jsonl holds no epoch yet.")
+    path = draw_learning_curve(rows, noise_floor, run_dir / "figures" / "learning_curve.png")
+    return page.picture(
+        path,
+        "Error of the field on the training and the validation trajectories. No field can fall below the noise floor.",
+    )
+
+
+def velocity_field(run_dir: pathlib.Path, inputs: Inputs) -> str:
+    """Streamlines of the learned field at the target's height and, under a table, at the height of crawling."""
+    directory = run_dir / "training"
+    if not (directory / "checkpoints").is_dir():
+        return ""
+    import jax  # here, because no other part of the report needs it
+
+    from agile_jax.policy import load_parameters, make_policy
+
+    scene = make_scene(inputs.scene)
+    policy = make_policy(scene, np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration), inputs.policy)
+    parameters = load_parameters(directory, policy)
+    batched = jax.jit(jax.vmap(policy.velocity, (None, 0)))
+    heights = {f"at the target's height, {scene.target[2]:.2f} m": float(scene.target[2])}
+    crawl = crawl_height(scene, planning_margin(inputs.expert))
+    if crawl is not None:
+        heights[f"at the height of crawling, {crawl:.2f} m"] = crawl
+    path = run_dir / "figures" / "velocity_field.png"
+    draw_velocity_field(scene, lambda poses: np.asarray(batched(parameters, poses)), heights, path)
+    return page.picture(
+        path,
+        "The learned velocity field from above, at the target's yaw. Nothing is drawn where the torso would touch the "
+        "obstacle.",
+    )
+
+
+def crawl_height(scene: Scene, margin: float) -> float | None:
+    """Greatest height [m] of the torso's centre under the lowest obstacle that can be passed under, or None."""
+    undersides = scene.obstacle_centers[:, 2] - scene.obstacle_half_sizes[:, 2]
+    heights = undersides - scene.torso_half_size[2] - margin
+    passable = heights[heights > scene.lower[2]]
+    return float(passable.min()) if len(passable) else None
+
+
+def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str, str, str | None]:
+    """Figures of an evaluation.
+
+    Returns:
+        HTML of the outcomes and the episode; HTML of video and snapshots, "" without traces; a note on the rendering
+        or None.
+    """
+    scene = make_scene(inputs.scene)
+    figures, folder = run_dir / "figures", run_dir / "evaluation"
+    rows = folder / f"{backend}.npz"
+    if not rows.is_file():
+        return page.paragraph(f"There is no evaluation/{backend}.npz."), "", None
+    outcomes = load_outcomes(rows)
+    shown = page.picture(
+        draw_outcomes(scene, outcomes, figures / f"outcomes_{backend}.png"),
+        "Where the episodes started, and how they ended. The table is brown, the target is the arrow.",
+    )
+    traces = folder / f"{backend}-traces.npz"
+    episode = choose_episode(scene, load_episodes(traces, outcomes)) if traces.is_file() else None
+    if episode is None:
+        return shown + page.paragraph("No episode was recorded."), "", None
+    limit = np.asarray(load_robot(inputs.robot).torque_limit)
+    path = draw_episode(scene, episode, limit, figures / f"episode_{backend}.png")
+    shown += page.picture(
+        path,
+        f"Episode {episode.row} ({episode.outcome}): height of the trunk below the table, speed in the plane, "
+        "clearance of the torso's envelope, torques of the twelve joints.",
+    )
+    pictures, note = _pictures(run_dir, inputs, scene, episode, backend)
+    return shown, pictures, note
+
+
+def _pictures(
+    run_dir: pathlib.Path, inputs: Inputs, scene: Scene, episode: Episode, backend: str
+) -> tuple[str, str | None]:
+    """Video and snapshots (the paper's figure 3) of an episode, rendered in one go."""
+    settings = inputs.report
+    video, still = run_dir / "videos" / f"{backend}.mp4", run_dir / "figures" / f"snapshots_{backend}.png"
+    shot = snapshots(scene, episode.time, episode.qpos)
+    count = len(shot.qpos)
+    if settings.video:
+        shot = join(shot, film(episode.time, episode.qpos, settings.frames_per_second, settings.longest_video))
+
+    def consume(frames: Iterator[np.ndarray]) -> None:
+        stills = [next(frames) for _ in range(count)]
+        sheet = np.concatenate([np.concatenate(stills[:2], 1), np.concatenate(stills[2:], 1)])
+        buffer = io.BytesIO()
+        Image.fromarray(sheet).save(buffer, "PNG")
+        write_atomic(still, buffer.getvalue())
+        if settings.video:
+            write_mp4(video, frames, settings.frames_per_second)
+
+    rendered = render_shot(build_mujoco_model(scene, inputs.robot, SIM_DT), shot, settings, consume)
+    under = "crawls under the table" if went_under(scene, episode) else "moves to the target"
+    html = ""
+    if settings.video:
+        html += page.film(
+            video, f"The robot {under}: episode {episode.row} ({episode.outcome}), {backend}, in real time."
+        )
+    html += page.picture(still, f"Snapshots of the same episode ({backend}); times and trunk heights in the corners.")
+    if rendered.note:
+        html += page.paragraph(rendered.note, soft=True)
+    return html, rendered.note

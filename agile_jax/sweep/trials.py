@@ -1,0 +1,110 @@
+"""The trials of a sweep: the points of the grid as validated experiments, their states and their table."""
+
+import itertools
+import math
+import pathlib
+from typing import Any, Literal, NamedTuple
+
+from agile_jax.experiment import Experiment, experiment_hash, with_overrides
+from agile_jax.pipeline import stages_up_to
+from agile_jax.run_directory import read_json
+from agile_jax.settings import BadInput
+from agile_jax.sweep.settings import SweepSettings
+
+
+class Trial(NamedTuple):
+    """One point of the grid. Its identity is the hash of its resolved experiment, not its number."""
+
+    hash: str
+    values: dict[str, Any]  # what is varied, by dotted key
+    experiment: Experiment
+    run_dir: pathlib.Path
+    status: Literal["new", "done", "failed"]
+    metric: float | None
+    cause: str  # of a failure
+    seconds: float  # spent on it by the process that finished it
+
+
+def make_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
+    """Every point of the grid, validated; equal points once. All errors of all points at once.
+
+    Raises:
+        BadInput: the experiment has no [sweep], or a point is no valid experiment.
+    """
+    space = sweep_settings(experiment).space
+    bare = experiment.model_copy(update={"sweep": None})
+    trials: dict[str, Trial] = {}
+    errors: dict[str, None] = {}
+    for point in itertools.product(*space.values()):
+        values = dict(zip(space, point, strict=True))
+        try:
+            trial = with_overrides(bare, values, "sweep.space")
+        except BadInput as error:
+            errors.update(dict.fromkeys(str(error).splitlines()))
+            continue
+        identity = experiment_hash(trial)
+        run_dir = sweep_dir / "trials" / identity[:12]
+        trials.setdefault(identity, Trial(identity, values, trial, run_dir, "new", None, "", 0.0))
+    if errors:
+        raise BadInput("\n".join(errors))
+    return list(trials.values())
+
+
+def sweep_settings(experiment: Experiment) -> SweepSettings:
+    """The experiment's [sweep], or BadInput when it has none."""
+    if experiment.sweep is None:
+        raise BadInput(f"{experiment.name}: the experiment has no [sweep] table with a [sweep.space]")
+    return experiment.sweep
+
+
+def stages_for(settings: SweepSettings) -> tuple[str, ...]:
+    """The stages that a trial must run for its metric."""
+    return stages_up_to(settings.metric.split(".")[0])
+
+
+def read_metric(settings: SweepSettings, run_dir: pathlib.Path) -> float | str:
+    """The metric of a finished trial, or why it has none."""
+    stage, *keys = settings.metric.split(".")
+    if stage == "evaluation":
+        path = run_dir / "evaluation" / f"{keys.pop(0)}.json"
+    else:
+        path = run_dir / stage / "summary.json"
+    value: Any = read_json(path)
+    for key in keys:
+        if not isinstance(value, dict) or key not in value:
+            known = ", ".join(value) if isinstance(value, dict) else "nothing"
+            return f"{path} has no {'.'.join(keys)}; it has {known}"
+        value = value[key]
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return f"{settings.metric} is {value!r}, which cannot be compared"
+    return float(value)
+
+
+def best(settings: SweepSettings, trials: list[Trial]) -> Trial | None:
+    """The finished trial with the best metric; the first of equals."""
+    sign = 1 if settings.direction == "minimize" else -1
+    done = [trial for trial in trials if trial.metric is not None]
+    return min(done, key=lambda trial: sign * (trial.metric or 0.0), default=None)
+
+
+def table(experiment: Experiment, trials: list[Trial]) -> str:
+    """The trials as text, the best one marked."""
+    settings = sweep_settings(experiment)
+    winner = best(settings, trials)
+    keys = list(settings.space)
+    rows = [["", "trial", *keys, settings.metric, "status", "seconds"]]
+    for trial in trials:
+        rows.append(
+            [
+                "*" if winner is not None and trial.hash == winner.hash else "",
+                trial.hash[:12],
+                *(str(trial.values[key]) for key in keys),
+                "" if trial.metric is None else f"{trial.metric:.6g}",
+                trial.status + (f": {trial.cause}" if trial.cause else ""),
+                f"{trial.seconds:.1f}" if trial.seconds else "",
+            ]
+        )
+    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    )
