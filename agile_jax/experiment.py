@@ -1,7 +1,7 @@
 """An experiment: one question, one file, all settings of all stages.
 
-`load_experiment` reads a TOML file (with `extends`), applies overrides and validates everything at once. A stage's hash covers exactly
-the settings on which its result depends, so that equal hashes mean an equal result.
+`load_experiment` reads a TOML file (with `extends`), applies overrides and validates everything at once. A stage's
+hash covers exactly the settings on which its result depends, so that equal hashes mean an equal result.
 """
 
 import pathlib
@@ -22,7 +22,7 @@ from agile_jax.policy.settings import PolicySettings, TrainingSettings
 from agile_jax.report.settings import ReportSettings
 from agile_jax.robot.settings import RobotSettings
 from agile_jax.scene.settings import SceneSettings
-from agile_jax.settings import BadInput, Settings
+from agile_jax.settings import Settings
 from agile_jax.sweep.settings import SweepSettings
 from agile_jax.validation import field_comments, nested_models, validate
 
@@ -97,12 +97,12 @@ def with_overrides(experiment: Experiment, overrides: Mapping[str, Any], source:
 
 
 def to_toml(experiment: Experiment) -> str:
-    """The experiment as a file that loads to the same experiment. Keys without a value are left out: TOML has no null."""
+    """The experiment as a file that loads to the same experiment, without the keys that have no value."""
     return tomli_w.dumps(experiment.model_dump(mode="json", exclude_none=True))
 
 
 def stage_settings(experiment: Experiment, stage: str) -> dict[str, Any]:
-    """The settings on which the result of a stage depends, as JSON values by section: its own and those of the stages before."""
+    """The settings on which a stage's result depends, by section: its own and those of the stages before."""
     sections = [section for earlier in STAGES[: STAGES.index(stage) + 1] for section in _READS[earlier]]
     return experiment.model_dump(mode="json", include=set(sections))
 

@@ -1,4 +1,4 @@
-"""Experiment files as plain tables: TOML, single inheritance through `extends`, overrides, and where each key came from."""
+"""Experiment files as plain tables: TOML, inheritance through `extends`, overrides, and each key's origin."""
 
 import difflib
 import pathlib

@@ -1,7 +1,8 @@
 """Names of a package that load their module when first used (PEP 562).
 
-A stage's settings must be readable without its heavy libraries: `agile schema` and the expert's workers load no JAX. So the `__init__` of
-a heavy stage imports only its settings, and lists its other names here and, for the type checker, under TYPE_CHECKING.
+A stage's settings must be readable without its heavy libraries: `agile schema` and the expert's workers load no JAX.
+So the `__init__` of a heavy stage imports only its settings, and lists its other names here and, for the type
+checker, under TYPE_CHECKING.
 """
 
 from collections.abc import Callable

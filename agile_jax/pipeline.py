@@ -1,6 +1,7 @@
 """The stages in order, each resumable: `run(experiment, run_dir)`.
 
-Everything is checked before the first byte is written. A finished stage is reused; a killed one goes on where it stopped.
+Everything is checked before the first byte is written. A finished stage is reused; a killed one goes on where it
+stopped.
 """
 
 import pathlib
@@ -82,7 +83,7 @@ def run(
 
 
 def failures(results: dict[str, StageResult]) -> list[str]:
-    """What went wrong in stages that finished all the same, one line each. Episodes that fail are a result, not a failure."""
+    """What went wrong in stages that finished all the same. Episodes that fail are a result, not a failure."""
     if "dataset" not in results:
         return []
     summary = results["dataset"].summary
@@ -149,7 +150,7 @@ def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEn
 
 
 def _evaluation(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.evaluation import evaluate
+    from agile_jax.evaluation.evaluate import evaluate
 
     evaluate(experiment, run_dir, open_engine, progress=progress)
 

@@ -34,7 +34,7 @@ def shown(stream: TextIO | None = None) -> Iterator[Progress]:
 
 
 def plain_lines(stream: TextIO, period: float = LINE_PERIOD, clock: Callable[[], float] = time.monotonic) -> Progress:
-    """Lines such as `dataset: 100/400 (25 %), 12 s left`, at most one in `period` seconds, besides each work's first and last."""
+    """Lines such as `dataset: 100/400 (25 %), 12 s left`: each work's first and last, else one in `period` seconds."""
     began: dict[str, tuple[float, int]] = {}
     last: dict[str, float] = {}
 
@@ -60,25 +60,24 @@ def plain_lines(stream: TextIO, period: float = LINE_PERIOD, clock: Callable[[],
 
 @contextmanager
 def _bar(stream: TextIO) -> Iterator[Progress]:
+    from rich import progress as rich
     from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
 
     columns = (
-        TextColumn("{task.description}"),
-        BarColumn(),
-        MofNCompleteColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
+        rich.TextColumn("{task.description}"),
+        rich.BarColumn(),
+        rich.MofNCompleteColumn(),
+        rich.TimeElapsedColumn(),
+        rich.TimeRemainingColumn(),
     )
-    with Progress(*columns, console=Console(file=stream)) as bars:
-        tasks: dict[str, int] = {}
+    with rich.Progress(*columns, console=Console(file=stream)) as bars:
+        tasks: dict[str, rich.TaskID] = {}
 
         def progress(done: int, total: int, note: str) -> None:
             work = note.partition(":")[0]
             if work not in tasks:
                 tasks[work] = bars.add_task(note, total=None)
-            # rich takes a task without a total for one of unknown length
-            bars.update(tasks[work], completed=done, total=total or None, description=note)  # type: ignore[arg-type]
+            bars.update(tasks[work], completed=done, total=total or None, description=note)
 
         yield progress
 

@@ -1,7 +1,8 @@
 """A run directory: which stages it holds, made with which settings, and who is working in it.
 
-Each stage's folder has a record `stage.json` of its settings and their hash, written before the work begins. A stage is done when its
-summary is there and the record has the same hash. Other settings never mix with what is there: the folder is refused or moved aside.
+Each stage's folder has a record `stage.json` of its settings and their hash, written before the work begins. A stage
+is done when its summary is there and the record has the same hash. Other settings never mix with what is there: the
+folder is refused or moved aside.
 """
 
 import fcntl
@@ -51,7 +52,7 @@ def read_json(path: pathlib.Path) -> dict[str, Any] | None:
 
 
 def record_hash(run_dir: pathlib.Path, experiment: Experiment, stage: str) -> str:
-    """The hash that the stage's record must have for its result to hold. A report also depends on the results it shows."""
+    """The hash that the record must have for the result to hold. A report also depends on what it shows."""
     own = stage_hash(experiment, stage)
     if stage != "report":
         return own
@@ -62,7 +63,8 @@ def record_hash(run_dir: pathlib.Path, experiment: Experiment, stage: str) -> st
 def stage_state(run_dir: pathlib.Path, experiment: Experiment, stage: str) -> State:
     """What the run directory holds of a stage.
 
-    "other settings" is said of the dataset and the training only; evaluations and reports are quick enough to be made anew.
+    "other settings" is said of the dataset and the training only; evaluations and reports are quick enough to be made
+    anew.
     """
     paths = stage_paths(run_dir, experiment, stage)
     record = read_json(paths.record)
@@ -75,7 +77,7 @@ def stage_state(run_dir: pathlib.Path, experiment: Experiment, stage: str) -> St
 
 
 def refuse_other_settings(run_dir: pathlib.Path, experiment: Experiment, stages: tuple[str, ...]) -> None:
-    """Raise BadInput when a stage's folder was made with other settings: every differing key, both values, the ways out."""
+    """Raise BadInput for a folder made with other settings: every differing key, both values, the ways out."""
     for stage in stages:
         if stage_state(run_dir, experiment, stage) != "other settings":
             continue

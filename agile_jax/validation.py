@@ -1,4 +1,4 @@
-"""From pydantic's errors to messages that name the file, the dotted key, the value, what is allowed and the nearest valid name."""
+"""From pydantic's errors to messages: file, dotted key, value, what is allowed, nearest valid name."""
 
 import difflib
 import inspect
@@ -77,13 +77,12 @@ def _describe(model: type[BaseModel], values: Any, where_from: Callable[[Where],
 
 
 def _locate(values: Any, location: Where, missing: bool) -> tuple[Where, Any]:
-    """The key path in the file and its value. Pydantic's location also names the members of unions, which no file holds."""
+    """The key path in the file, and its value. Pydantic's location also names members of unions; no file does."""
     where: list[str | int] = []
     node = values
     for i, part in enumerate(location):
-        if isinstance(node, dict) and part in node:
-            node = node[part]
-        elif isinstance(node, list | tuple) and isinstance(part, int) and part < len(node):
+        in_array = isinstance(node, list | tuple) and isinstance(part, int) and part < len(node)
+        if in_array or (isinstance(node, dict) and part in node):
             node = node[part]
         elif missing and i == len(location) - 1:
             return (*where, part), None

@@ -76,7 +76,7 @@ def overview() -> str:
             "",
             *lines,
             "",
-            "`agile COMMAND --help` lists the options; `agile COMMAND EXPERIMENT.toml --help` shows that file's values.",
+            "`agile COMMAND --help` lists the options, `agile COMMAND EXPERIMENT.toml --help` with that file's values.",
             "Every setting of an experiment is an option, for example --training.learning-rate 0.1.",
             "The same command goes on where an earlier one stopped. `agile --version` prints the version.",
         ]
@@ -99,7 +99,7 @@ def _dispatch(name: str, argv: list[str]) -> int:
 
 
 def _prepare_jax() -> None:
-    """Set JAX's flags for this process and its children, before anything imports it: compile once for all runs of this user."""
+    """Set JAX's flags for this process and its children, before anything imports it: compile once for all runs."""
     cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "agile_jax" / "jax"
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")

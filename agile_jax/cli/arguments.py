@@ -1,7 +1,8 @@
 """Typed options from the experiment's own models.
 
-tyro reads dataclasses, so each settings model is mirrored by one that holds the loaded file's values and validates nothing. What the
-command line changed is then applied to the file's table and validated there: a value is judged alike wherever it was written.
+tyro reads dataclasses, so each settings model is mirrored by one that holds the loaded file's values and validates
+nothing. What the command line changed is then applied to the file's table and validated there: a value is judged
+alike wherever it was written.
 """
 
 import dataclasses

@@ -1,4 +1,4 @@
-"""The commands: each takes its arguments, calls one library function and prints what came of it; returns the exit code."""
+"""The commands: each parses its arguments, calls one library function, prints, and returns the exit code."""
 
 import dataclasses
 import json

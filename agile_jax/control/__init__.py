@@ -1,7 +1,12 @@
-"""Whole-body control: gait clock, footholds, swing, convex MPC over friction cones, torques. Knows the robot, not the scene."""
+"""Whole-body control: gait, footholds, swing, convex MPC over friction cones, torques. Knows no scene, no policy."""
 
-from agile_jax.control.controller import Controller, ControllerState, Reference, make_controller
+from typing import TYPE_CHECKING
+
 from agile_jax.control.settings import ControlSettings, GaitSettings, MpcSettings
+from agile_jax.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from agile_jax.control.controller import Controller, ControllerState, Reference, make_controller
 
 __all__ = [
     "ControlSettings",
@@ -12,3 +17,5 @@ __all__ = [
     "Reference",
     "make_controller",
 ]
+
+__getattr__ = lazy_names(__name__, {"controller": "Controller ControllerState Reference make_controller"})

@@ -3,12 +3,14 @@
     minimise    1/2 y' H y + h' y + w/2 |f|^2        y_k = B_k f_k,  k = 0..N-1
     subject to  |f_xy| <= mu f_z,  0 <= f_z <= f_max   for each standing foot,   f = 0 for each swinging foot
 
-y_k (6,) is the acceleration that the forces f_k (12,) of node k give to the body. Its dynamics are six identical double integrators,
-so H depends on weights and time step only and is inverted once, in float64. With the splitting f = z, z in the cones (Boyd et al. 2011,
-section 3; over-relaxation section 3.4.3), an iteration solves (w + rho) f + B'(H B f + h) = rho (z - u). By the matrix inversion lemma
-that is a system of 6N equations, the same in every iteration:
+y_k (6,) is the acceleration that the forces f_k (12,) of node k give to the body. Its dynamics are six identical
+double integrators, so H depends on weights and time step only and is inverted once, in float64. With the splitting f
+= z, z in the cones (Boyd et al. 2011, section 3; over-relaxation section 3.4.3), an iteration solves (w + rho) f +
+B'(H B f + h) = rho (z - u). By the matrix inversion lemma that is a system of 6N equations, the same in every
+iteration:
 
-    (H^-1 + blkdiag(B_k B_k') / (w + rho)) v = H^-1 h + B rhs / (w + rho),   rhs = rho (z - u),   f = (rhs - B' v) / (w + rho)
+    (H^-1 + blkdiag(B_k B_k') / (w + rho)) v = H^-1 h + B rhs / (w + rho),   rhs = rho (z - u)
+    f = (rhs - B' v) / (w + rho)
 
 The projection onto the cone is exact. Forces are scaled by `FORCE_UNIT` so that float32 suffices.
 """
@@ -59,7 +61,8 @@ def cold_start(nodes: int) -> WarmStart:
 def project(force: jax.Array, contact: jax.Array, friction: jax.Array, force_max: jax.Array) -> jax.Array:
     """Exact Euclidean projection onto {|f_xy| <= mu f_z, 0 <= f_z <= f_max}, or onto zero for a swinging foot.
 
-    Where the projection onto the cone is above f_max, the nearest point of the truncated cone lies on its disc at f_max.
+    Where the projection onto the cone is above f_max, the nearest point of the truncated cone lies on its disc at
+    f_max.
 
     Args:
         force: shape (..., 3).

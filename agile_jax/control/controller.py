@@ -1,7 +1,7 @@
 """The whole-body controller of one robot: plan at the rate of the MPC, act at the rate of the torques.
 
-`plan` solves the MPC for the foot forces and sets the footholds; `act` turns forces and swing paths into joint torques. Both are pure functions of
-one robot's state; callers vmap them.
+`plan` solves the MPC for the foot forces and sets the footholds; `act` turns forces and swing paths into joint
+torques. Both are pure functions of one robot's state; callers vmap them.
 """
 
 from collections.abc import Callable

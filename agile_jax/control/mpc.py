@@ -1,9 +1,11 @@
 """Convex model predictive control: the quadratic program, apart from its solution.
 
-    minimise   sum_k |xi_{k+1} - xi_ref|_Q^2 + |xi'_{k+1} - xi'_ref|_P^2 + w |f_k|^2       (Di Carlo et al. 2018, equation 18)
+    minimise   sum_k |xi_{k+1} - xi_ref|_Q^2 + |xi'_{k+1} - xi'_ref|_P^2 + w |f_k|^2
 
-over the foot forces of N nodes, with the dynamics of `centroidal` substituted (condensing): xi = free + G y, y_k = B_k f_k. What
-multiplies y is H = G_p' Q G_p + G_v' P G_v and h = G_p' Q (free_p - ref) + G_v' P (free_v - ref'), axis by axis.
+(Di Carlo et al. 2018, equation 18) over the foot forces of N nodes, with the dynamics of `centroidal` substituted
+(condensing): xi = free + G y, y_k = B_k f_k. What multiplies y is, axis by axis,
+
+    H = G_p' Q G_p + G_v' P G_v,    h = G_p' Q (free_p - ref) + G_v' P (free_v - ref')
 """
 
 from typing import NamedTuple

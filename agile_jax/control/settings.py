@@ -45,10 +45,12 @@ class ControlSettings(Settings):
     raibert_gain: NonNegative = 0.03  # foothold shift per velocity error [s]
     swing_stiffness: Positive = 60.0  # joint PD of the swing legs [Nm/rad]
     swing_damping: Positive = 1.5  # [Nm s/rad]
-    # Integral of the height, roll and pitch errors, added to the reference: what the single rigid body leaves out (moving legs).
+    # Integral of the height, roll and pitch errors, added to the reference: what the single rigid body leaves out
+    # (moving legs).
     integral_gain: NonNegativeVector3 = (4.0, 2.0, 4.0)  # z, roll, pitch [1/s]
     integral_limit: PositiveVector3 = (0.03, 0.15, 0.15)  # [m], [rad], [rad]
-    leash: PositiveVector3 = (0.05, 0.03, 0.15)  # how far the reference may lead: in the plane [m], height [m], yaw [rad]
+    # How far the reference may lead the robot: in the plane [m], in height [m], in yaw [rad].
+    leash: PositiveVector3 = (0.05, 0.03, 0.15)
 
     @model_validator(mode="after")
     def _clocks_agree(self) -> "ControlSettings":

@@ -17,8 +17,9 @@ def foothold(
 ) -> jax.Array:
     """Where a foot should land, in the plane.
 
-    The hip's position at touchdown, plus half of the way that the body covers during stance (the neutral point), plus the velocity
-    error times `gain` (Raibert), plus the centripetal term z/g v x w of the turning body (Di Carlo et al. 2018, equation 33).
+    The hip's position at touchdown, plus half of the way that the body covers during stance (the neutral point), plus
+    the velocity error times `gain` (Raibert), plus the centripetal term z/g v x w of the turning body (Di Carlo et
+    al. 2018, equation 33).
 
     Args:
         hip_ground: the hip's place on the ground at touchdown, shape (4, 2) [m].
@@ -41,7 +42,8 @@ def swing_path(
 ) -> tuple[jax.Array, jax.Array]:
     """Position and velocity on the way from `lift_off` to `touch_down`.
 
-    A cubic smooth step in the plane, and for the height two of them, up and down: velocity is zero at both ends and at the top.
+    A cubic smooth step in the plane, and for the height two of them, up and down: velocity is zero at both ends and
+        at the top.
 
     Args:
         lift_off, touch_down: shape (..., 3) [m].
@@ -66,7 +68,7 @@ def swing_path(
     up = lift_off[..., 2] + (apex - lift_off[..., 2]) * rise
     down = apex + (touch_down[..., 2] - apex) * fall
     z = jnp.where(rising, up, down)
-    z_velocity = jnp.where(
-        rising, (apex - lift_off[..., 2]) * rise_slope, (touch_down[..., 2] - apex) * fall_slope
-    ) * (2 / duration)
+    z_velocity = jnp.where(rising, (apex - lift_off[..., 2]) * rise_slope, (touch_down[..., 2] - apex) * fall_slope) * (
+        2 / duration
+    )
     return jnp.concatenate([planar, z[..., None]], -1), jnp.concatenate([planar_velocity, z_velocity[..., None]], -1)

@@ -1,8 +1,8 @@
 """Joint torques from foot forces and swing paths.
 
-A standing leg applies -J' f, the reaction of the planned ground force. A swinging leg follows its path by joint PD. Both get the torque that holds the
-legs' weight and the torque that the joints' own damping and friction would eat: left out, they are as large as the
-planned torques themselves (2 Nm s/rad at 4 rad/s).
+A standing leg applies -J' f, the reaction of the planned ground force. A swinging leg follows its path by joint PD.
+Both get the torque that holds the legs' weight and the torque that the joints' own damping and friction would eat:
+left out, they are as large as the planned torques themselves (2 Nm s/rad at 4 rad/s).
 """
 
 from typing import NamedTuple

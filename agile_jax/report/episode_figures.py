@@ -84,7 +84,7 @@ def draw_episode(scene: Scene, episode: Episode, torque_limit: np.ndarray, path:
     )
     speed.plot(time, wanted, color=BLACK, linewidth=1.2, linestyle="--", label="reference")
     speed.set_ylim(bottom=0.0)
-    legend(speed, loc="upper right")
+    legend(speed, loc="lower center", ncols=2)
 
     clearance = dress(panels[2], y_label="clearance [m]")
     clearance.axhspan(-1.0, 0.0, facecolor=RED, alpha=0.12)
@@ -129,5 +129,5 @@ def _draw_torques(axes: Axes, episode: Episode, limit: np.ndarray, time: np.ndar
         for sign in (-1.0, 1.0):
             label = "limit" if number == 0 and sign > 0 else None
             axes.axhline(sign * value, color=GREY, linewidth=0.9, linestyle=":", label=label)
-    axes.set_ylim(-1.15 * np.abs(limit).max(), 1.15 * np.abs(limit).max())
+    axes.set_ylim(-1.15 * np.abs(limit).max(), 1.5 * np.abs(limit).max())
     legend(axes, loc="upper right", ncols=4)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.colors import Normalize
+from matplotlib.ticker import MaxNLocator
 
 from agile_jax.report.scene_drawing import draw_obstacles, draw_target
 from agile_jax.report.style import BLUE, GREY, ORANGE, dress, legend, new_figure, save
@@ -54,6 +55,7 @@ def draw_learning_curve(rows: list[dict[str, Any]], noise_floor: float | None, p
     if noise_floor is not None and noise_floor > 0:
         axes.axhline(noise_floor, color=GREY, linewidth=1.2, linestyle=":", label="noise floor of the labels")
     axes.set_yscale("log")
+    axes.xaxis.set_major_locator(MaxNLocator(integer=True))
     if axes.get_legend_handles_labels()[0]:
         legend(axes)
     return save(figure, path)

@@ -97,7 +97,7 @@ def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
     path = draw_learning_curve(rows, noise_floor, run_dir / "figures" / "learning_curve.png")
     return page.picture(
         path,
-        "Error of the field on the training and the validation trajectories. No field can fall below the noise floor.",
+        "Error of the field on the training and on the validation trajectories; the dotted line is the labels' own noise.",
     )
 
 

@@ -123,8 +123,8 @@ def training_table(summary: dict[str, Any] | None) -> str:
     error, floor = summary.get("validation_mse"), summary.get("noise_floor_mse")
     if isinstance(error, int | float) and isinstance(floor, int | float) and floor > 0:
         words = paragraph(
-            f"The validation error is {error / floor:.2g} times the noise floor of the labels, below which no field "
-            "can fall."
+            f"The validation error is {error / floor:.2g} times the noise floor, which is how much the labels of "
+            "neighbouring poses differ."
         )
     return words + _named(summary, _TRAINING)
 

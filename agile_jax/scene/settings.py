@@ -4,7 +4,16 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from agile_jax.settings import NonNegativePose, Pose, Positive, PositiveVector2, PositiveVector3, Settings, Vector2, Vector3
+from agile_jax.settings import (
+    NonNegativePose,
+    Pose,
+    Positive,
+    PositiveVector2,
+    PositiveVector3,
+    Settings,
+    Vector2,
+    Vector3,
+)
 
 
 class TableSettings(Settings):

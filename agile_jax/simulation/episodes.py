@@ -10,6 +10,8 @@ import numpy as np
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.progress import silent
 from agile_jax.scene import Scene, clearance
+from agile_jax.simulation.mjx_physics import MjxModel, mjx_reset, mjx_step
+from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.outcome import RUNNING, Outcome
 from agile_jax.simulation.rollout import ClosedLoop, Episode, Trace
 from agile_jax.simulation.sensed import Sensed
@@ -24,9 +26,39 @@ class Rollout(NamedTuple):
     traces: list[Trace]  # of the first episodes
 
 
+class MjxState(NamedTuple):
+    """One robot in MJX and its loop."""
+
+    data: Any  # mjx.Data
+    episode: Episode
+    sensed: Sensed
+    plans: jax.Array  # () int32
+
+
+class BatchLoop(NamedTuple):
+    """The functions of a closed loop, vmapped and compiled once."""
+
+    init: Callable[..., Episode]
+    plan: Callable[..., Episode]
+    act: Callable[..., Episode]
+    control_dt: float  # [s]
+    acts_per_plan: int
+
+
+def batch_loop(loop: ClosedLoop) -> BatchLoop:
+    """Compile a closed loop for batches; keep it, a second one would compile again."""
+    return BatchLoop(
+        jax.jit(jax.vmap(loop.init)),
+        jax.jit(jax.vmap(loop.plan, in_axes=(None, 0, 0)), donate_argnums=1),
+        jax.jit(jax.vmap(loop.act), donate_argnums=0),
+        loop.control_dt,
+        loop.acts_per_plan,
+    )
+
+
 def run_mujoco(
-    loop: ClosedLoop,
-    physics: Any,
+    loop: BatchLoop,
+    physics: MujocoPhysics,
     parameters: Any,
     qpos: np.ndarray,
     time_limits: np.ndarray,
@@ -37,8 +69,8 @@ def run_mujoco(
     """Closed loop in C MuJoCo: a thread pool steps the physics, one compiled call controls the whole batch.
 
     Args:
-        loop: the closed loop of one robot.
-        physics: `MujocoPhysics` for n episodes.
+        loop: from `batch_loop`.
+        physics: for n episodes.
         parameters: of the policy.
         qpos: initial configurations, shape (n, 19).
         time_limits: shape (n,) [s].
@@ -46,19 +78,16 @@ def run_mujoco(
         traced: how many of the first episodes to record.
         progress: called with (episodes ended, n, note).
     """
-    init = jax.jit(jax.vmap(loop.init))
-    plan = jax.jit(jax.vmap(loop.plan, in_axes=(None, 0, 0)), donate_argnums=1)
-    act = jax.jit(jax.vmap(loop.act), donate_argnums=0)
     sensed = physics.reset(qpos)
-    episodes = init(as_float32(sensed), jnp.asarray(time_limits, jnp.float32))
+    episodes = loop.init(as_float32(sensed), jnp.asarray(time_limits, jnp.float32))
     plans = np.zeros(len(qpos), int)
     records: list[tuple[np.ndarray, ...]] = []
     active = np.ones(len(qpos), bool)
     while active.any():
         plans += active
-        episodes = plan(parameters, episodes, as_float32(sensed))
+        episodes = loop.plan(parameters, episodes, as_float32(sensed))
         for _ in range(loop.acts_per_plan):
-            episodes = act(episodes, as_float32(sensed))
+            episodes = loop.act(episodes, as_float32(sensed))
             sensed = physics.step(np.asarray(episodes.torque, np.float64), active)
         if traced:
             records.append(record(episodes, sensed, traced))
@@ -70,50 +99,50 @@ def run_mujoco(
     return Rollout(outcome, failures, plans, cut_traces(records, outcome.time, traced, plan_dt, scene))
 
 
-def run_mjx(
-    loop: ClosedLoop,
-    reset: Callable[[jax.Array], tuple[Any, Sensed]],
-    step: Callable[[Any, jax.Array], tuple[Any, Sensed]],
-    parameters: Any,
-    qpos: np.ndarray,
-    time_limits: np.ndarray,
-) -> Rollout:
+def mjx_runner(loop: ClosedLoop, model: MjxModel) -> Callable[[Any, np.ndarray, np.ndarray], Rollout]:
     """Closed loop in MJX: policy, controller, physics and outcome in one compiled loop, vmapped over the robots.
 
     Args:
         loop: the closed loop of one robot.
-        reset, step: of one robot's physics.
-        parameters: of the policy.
-        qpos: initial configurations, shape (n, 19).
-        time_limits: shape (n,) [s].
+        model: of one robot's physics.
+
+    Returns:
+        (policy parameters, qpos (n, 19), time limits (n,) [s]) -> Rollout without traces. Compiles once for each n.
     """
 
     def one_act(carry: tuple[Any, Episode, Sensed], _: None) -> tuple[tuple[Any, Episode, Sensed], None]:
         data, episode, sensed = carry
         episode = loop.act(episode, sensed)
-        data, sensed = step(data, episode.torque)
+        data, sensed = mjx_step(model, data, episode.torque)
         return (data, episode, sensed), None
 
-    def one_plan(data: Any, episode: Episode, sensed: Sensed, plans: jax.Array, parameters: Any) -> Any:
-        plans = plans + (episode.outcome.status == RUNNING)
-        episode = loop.plan(parameters, episode, sensed)
-        (data, episode, sensed), _ = jax.lax.scan(one_act, (data, episode, sensed), None, length=loop.acts_per_plan)
-        return data, episode, sensed, plans
+    def one_plan(parameters: Any, state: MjxState) -> MjxState:
+        plans = state.plans + (state.episode.outcome.status == RUNNING)
+        episode = loop.plan(parameters, state.episode, state.sensed)
+        carry = (state.data, episode, state.sensed)
+        (data, episode, sensed), _ = jax.lax.scan(one_act, carry, None, length=loop.acts_per_plan)
+        return MjxState(data, episode, sensed, plans)
 
-    def run(parameters: Any, qpos: jax.Array, limits: jax.Array) -> tuple[Episode, jax.Array]:
-        data, sensed = jax.vmap(reset)(qpos)
-        episodes = jax.vmap(loop.init)(sensed, limits)
-        carry = (data, episodes, sensed, jnp.zeros(len(qpos), jnp.int32))
-        advance = jax.vmap(one_plan, in_axes=(0, 0, 0, 0, None))
-        carry = jax.lax.while_loop(
-            lambda c: (c[1].outcome.status == RUNNING).any(), lambda c: advance(*c, parameters), carry
+    def begin(qpos: jax.Array, limit: jax.Array) -> MjxState:
+        touches_nothing = jnp.bool_(False)
+        sensed = Sensed(qpos, jnp.zeros(model.model.nv, qpos.dtype), touches_nothing, touches_nothing)
+        return MjxState(mjx_reset(model, qpos), loop.init(sensed, limit), sensed, jnp.int32(0))
+
+    @jax.jit
+    def run(parameters: Any, qpos: jax.Array, limits: jax.Array) -> tuple[Outcome, jax.Array, jax.Array]:
+        end = jax.lax.while_loop(
+            lambda state: (state.episode.outcome.status == RUNNING).any(),
+            lambda state: jax.vmap(one_plan, in_axes=(None, 0))(parameters, state),
+            jax.vmap(begin)(qpos, limits),
         )
-        return carry[1], carry[3]
+        return end.episode.outcome, end.episode.controller.mpc_failures, end.plans
 
-    limits = jnp.asarray(time_limits, jnp.float32)
-    episodes, plans = jax.jit(run)(parameters, jnp.asarray(qpos, jnp.float32), limits)
-    outcome = jax.tree.map(np.asarray, episodes.outcome)
-    return Rollout(outcome, np.asarray(episodes.controller.mpc_failures), np.asarray(plans), [])
+    def run_batch(parameters: Any, qpos: np.ndarray, limits: np.ndarray) -> Rollout:
+        results = run(parameters, jnp.asarray(qpos, jnp.float32), jnp.asarray(limits, jnp.float32))
+        outcome, failures, plans = jax.tree.map(np.asarray, results)
+        return Rollout(outcome, failures, plans, [])
+
+    return run_batch
 
 
 def as_float32(sensed: Sensed) -> Sensed:

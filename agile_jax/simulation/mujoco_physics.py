@@ -72,13 +72,14 @@ class MujocoPhysics:
         """
         torques = np.asarray(torques, float)
         active = np.ones(self.batch, bool) if active is None else np.asarray(active)
-        # A NaN fails the comparison.
-        sound = ((np.abs(self._state) < _HUGE).all(-1)) & np.isfinite(torques).all(-1)
+        sound = self._sound() & np.isfinite(torques).all(-1)
         self._state[active & ~sound, 1:] = np.nan
-        self._obstacle_contact[active & ~sound] = self._floor_contact[active & ~sound] = False
         moving = np.flatnonzero(active & sound)
         if len(moving):
             self._step_episodes(moving, torques[moving])
+        touches = ~active | self._sound()  # a state that is not finite touches nothing
+        self._obstacle_contact &= touches
+        self._floor_contact &= touches
         return self._sensed()
 
     def close(self) -> None:
@@ -92,6 +93,10 @@ class MujocoPhysics:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
+
+    def _sound(self) -> np.ndarray:
+        """Episodes whose state MuJoCo accepts: shape (n,). A NaN fails the comparison."""
+        return (np.abs(self._state) < _HUGE).all(-1)
 
     def _step_episodes(self, episodes: np.ndarray, torques: np.ndarray) -> None:
         states, sensordata = self._rollout.rollout(
@@ -109,6 +114,4 @@ class MujocoPhysics:
 
     def _sensed(self) -> Sensed:
         # Copies: JAX may use a NumPy array's memory in place, and the next step overwrites it.
-        return Sensed(
-            self._qpos.copy(), self._qvel.copy(), self._obstacle_contact.copy(), self._floor_contact.copy()
-        )
+        return Sensed(self._qpos.copy(), self._qvel.copy(), self._obstacle_contact.copy(), self._floor_contact.copy())

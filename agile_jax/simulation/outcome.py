@@ -1,8 +1,8 @@
 """How an episode ends, and what is measured on the way. One definition for both physics backends.
 
-An episode succeeds when, within its time limit, the trunk has stayed for 0.5 s within 0.10 m of the target in the plane, 0.05 m in
-height and 0.2 rad in yaw, while at no physics step any part of the robot touched an obstacle, the trunk or a thigh touched the floor, the
-trunk tilted past 60 degrees, or a state was not finite.
+An episode succeeds when, within its time limit, the trunk has stayed for 0.5 s within 0.10 m of the target in the
+plane, 0.05 m in height and 0.2 rad in yaw, while at no physics step any part of the robot touched an obstacle, the
+trunk or a thigh touched the floor, the trunk tilted past 60 degrees, or a state was not finite.
 """
 
 from typing import NamedTuple

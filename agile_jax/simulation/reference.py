@@ -1,7 +1,8 @@
 """From the velocity field to the MPC's reference.
 
-The reference is a pose that drives along the field under the expert's acceleration limits, starting from the measured state and held within a leash of it: it can
-pull the robot (the position error of a robot that lags), but never run away from it.
+The reference is a pose that drives along the field under the expert's acceleration limits, starting from the measured
+state and held within a leash of it: it can pull the robot (the position error of a robot that lags), but never run
+away from it.
 """
 
 from collections.abc import Callable
@@ -26,7 +27,8 @@ class ReferenceState(NamedTuple):
 def drive(
     field: Field, parameters: Any, state: ReferenceState, acceleration_limit: jax.Array, dt: float
 ) -> ReferenceState:
-    """One step along the field. The field is read one step ahead; a change of velocity beyond the limits keeps its direction.
+    """One step along the field. The field is read one step ahead; a change of velocity beyond the limits keeps its
+    direction.
 
     Args:
         field, parameters: the policy.

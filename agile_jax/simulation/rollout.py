@@ -1,7 +1,7 @@
 """The closed loop of one robot, apart from its physics: policy, reference, controller, outcome.
 
-Both backends run the same two functions, `plan` at the rate of the MPC and `act` at the rate of the torques; they differ only in who
-integrates the physics between two calls of `act`.
+Both backends run the same two functions, `plan` at the rate of the MPC and `act` at the rate of the torques; they
+differ only in who integrates the physics between two calls of `act`.
 """
 
 from collections.abc import Callable

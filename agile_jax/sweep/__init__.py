@@ -1,4 +1,4 @@
-"""Sweeps: many trials of one experiment, identified by the hash of what they are, resumable and sharing equal stages."""
+"""Sweeps: trials of one experiment, identified by the hash of what they are, resumable, sharing equal stages."""
 
 from typing import TYPE_CHECKING
 

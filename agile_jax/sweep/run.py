@@ -1,8 +1,9 @@
 """Running a grid: one process a trial, one folder for each distinct dataset and training.
 
-The record of a sweep is plain files: a trial is done when its run directory says so (the same rule as for any run), and `sweep.json`
-is written anew from them after every trial. A grid needs no study database: its points are known beforehand and independent, so
-there is no sampler state to keep, and a database would be a second truth that a kill can part from the first.
+The record of a sweep is plain files: a trial is done when its run directory says so (the same rule as for any run),
+and `sweep.json` is written anew from them after every trial. A grid needs no study database: its points are known
+beforehand and independent, so there is no sampler state to keep, and a database would be a second truth that a kill
+can part from the first.
 
     <sweep_dir>/sweep.json                         results
     <sweep_dir>/trials/<hash12>/                   a run directory; its dataset and training are links to
@@ -55,7 +56,7 @@ def run_sweep(
     workers: int | None = None,
     progress: Progress = silent,
 ) -> list[Trial]:
-    """Run every trial that is not done. A trial that fails is recorded with its cause, and tried again by the next sweep.
+    """Run every trial that is not done. One that fails is recorded with its cause; the next sweep tries it again.
 
     Args:
         experiment: with a [sweep] table; every point is validated before the first trial starts.
@@ -99,7 +100,7 @@ def _judged(trial: Trial, settings: SweepSettings, seconds: float) -> Trial:
 
 
 def _run_trial(trial: Trial, settings: SweepSettings, sweep_dir: pathlib.Path, engine: str, workers: int | None) -> str:
-    """Run one trial in a process of its own, which keeps JAX's memory and crashes apart. Returns the cause of a failure, or ""."""
+    """Run one trial in a process of its own, which keeps JAX apart. Returns the cause of a failure, or ""."""
     try:
         _wait_until_free(trial.run_dir)
     except BadInput as error:

@@ -32,7 +32,7 @@ class SweepSettings(Settings):
 
         if not re.match(METRIC, metric):
             raise ValueError(
-                "must be a key of a stage's summary, such as 'dataset.optimality_gap_median', 'training.validation_mse' or "
+                "must be a key of a stage's summary, such as 'training.validation_mse' or "
                 "'evaluation.mujoco.success_rate'"
             )
         return metric

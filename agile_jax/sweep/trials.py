@@ -65,10 +65,8 @@ def stages_for(settings: SweepSettings) -> tuple[str, ...]:
 def read_metric(settings: SweepSettings, run_dir: pathlib.Path) -> float | str:
     """The metric of a finished trial, or why it has none."""
     stage, *keys = settings.metric.split(".")
-    if stage == "evaluation":
-        path = run_dir / "evaluation" / f"{keys.pop(0)}.json"
-    else:
-        path = run_dir / stage / "summary.json"
+    name = keys.pop(0) if stage == "evaluation" else "summary"
+    path = run_dir / stage / f"{name}.json"
     value: Any = read_json(path)
     for key in keys:
         if not isinstance(value, dict) or key not in value:

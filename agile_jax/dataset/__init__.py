@@ -1,0 +1,17 @@
+"""The dataset: verified trajectories of the expert in immutable, checked shards, split by trajectory. Loads no JAX."""
+
+from agile_jax.dataset.dataset import SPLITS, Dataset, Split, load, samples, split_mask
+from agile_jax.dataset.generate import IncompleteDataset, generate
+from agile_jax.dataset.settings import DatasetSettings
+
+__all__ = [
+    "SPLITS",
+    "Dataset",
+    "DatasetSettings",
+    "IncompleteDataset",
+    "Split",
+    "generate",
+    "load",
+    "samples",
+    "split_mask",
+]

@@ -1,0 +1,121 @@
+"""Reading a dataset: verified trajectories, split by trajectory, and the samples that a policy learns from."""
+
+import json
+import pathlib
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from agile_jax.dataset.settings import DatasetSettings
+from agile_jax.dataset.shard import RESIDUALS, SCHEMA, BadShard, decode, settings_key
+from agile_jax.expert import ExpertSettings, Residuals, rejection
+from agile_jax.files import sha256
+from agile_jax.scene import POSE_SIZE, SceneSettings
+from agile_jax.settings import BadInput
+
+Split = Literal["train", "validation", "test"]
+SPLITS: tuple[Split, ...] = ("train", "validation", "test")
+SPLIT_STREAM = 2
+GOLDEN = (5**0.5 - 1) / 2
+
+
+class Dataset(NamedTuple):
+    """n verified trajectories of T intervals."""
+
+    indices: np.ndarray  # (n,) of the trajectories in the order of drawing; failed ones are missing
+    times: np.ndarray  # (n, T+1) [s]
+    states: np.ndarray  # (n, T+1, 8) [m, rad, m/s, rad/s]
+    controls: np.ndarray  # (n, T, 4) [m/s^2, rad/s^2]
+    starts: np.ndarray  # (n, 4) [m, rad]
+    durations: np.ndarray  # (n,) [s]
+    lower_bounds: np.ndarray  # (n,) [s]
+    branches: np.ndarray  # (n,) names
+    seed: int
+    dataset_hash: str
+
+
+def accepted(arrays: dict[str, np.ndarray]) -> np.ndarray:
+    """Which labels of a shard are solved with residuals within the verifier's tolerances. Shape (n,)."""
+    residuals = zip(*(arrays[name] for name in RESIDUALS), strict=True)
+    return arrays["solved"] & np.array([not rejection(Residuals(*r)) for r in residuals], bool)
+
+
+def load(directory: pathlib.Path) -> Dataset:
+    """Load a finished dataset; every shard is checked against the manifest's sha256 before it is read.
+
+    Raises:
+        BadInput: no dataset there, or a file of it is damaged.
+    """
+    directory = pathlib.Path(directory)
+    manifest = read_manifest(directory)
+    if manifest is None:
+        raise BadInput(f"{directory / 'manifest.json'} is missing or damaged: generate the dataset (again) first")
+    try:
+        if manifest["schema_version"] != SCHEMA:
+            raise BadInput(f"{directory / 'manifest.json'}: schema_version {manifest['schema_version']} is not {SCHEMA}")
+        scene = SceneSettings.model_validate(manifest["settings"]["scene"])
+        expert = ExpertSettings.model_validate(manifest["settings"]["expert"])
+        seed = int(manifest["settings"]["seed"])
+        digests = [(f"shard-{i:05d}.npz", str(entry["sha256"])) for i, entry in enumerate(manifest["shards"])]
+        dataset_hash = str(manifest["dataset_hash"])
+    except (KeyError, TypeError, ValueError) as error:
+        raise BadInput(f"{directory / 'manifest.json'} is damaged ({type(error).__name__}: {error})") from None
+    key = settings_key(scene, expert, seed)
+    parts = []
+    for i, (name, digest) in enumerate(digests):
+        path = directory / name
+        try:
+            data = path.read_bytes()
+            if sha256(data) != digest:
+                raise BadShard("its sha256 is not the manifest's")
+            arrays = decode(data, expert, key, i)
+        except (OSError, BadShard) as error:
+            raise BadInput(f"{path}: {error}; the same command repairs it") from None
+        keep = accepted(arrays)
+        parts.append({name: array[keep] for name, array in arrays.items() if array.ndim})
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    return Dataset(
+        indices=whole["index"],
+        times=whole["times"],
+        states=whole["states"],
+        controls=whole["controls"],
+        starts=whole["start"],
+        durations=whole["duration"],
+        lower_bounds=whole["lower_bound"],
+        branches=whole["branch"],
+        seed=seed,
+        dataset_hash=dataset_hash,
+    )
+
+
+def read_manifest(directory: pathlib.Path) -> dict[str, Any] | None:
+    """The manifest, or None when there is none that can be read."""
+    try:
+        manifest = json.loads((directory / "manifest.json").read_text())
+    except (OSError, ValueError):
+        return None
+    return manifest if isinstance(manifest, dict) and isinstance(manifest.get("shards"), list) else None
+
+
+def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.ndarray:
+    """Which trajectories belong to a split, shape (n,).
+
+    A pure function of (seed, trajectory index), whatever else is in the dataset: a golden-ratio sequence with an offset from the seed, which
+    keeps the fractions in every stretch of indices.
+    """
+    offset = np.random.Generator(np.random.Philox(np.random.SeedSequence((dataset.seed, SPLIT_STREAM)))).random()
+    position = (offset + dataset.indices * GOLDEN) % 1.0
+    edges = np.cumsum((0.0, *settings.split))
+    i = SPLITS.index(split)
+    upper = np.inf if i == len(SPLITS) - 1 else edges[i + 1]  # rounding of the sum loses nobody
+    return (position >= edges[i]) & (position < upper)
+
+
+def samples(dataset: Dataset, split: Split, settings: DatasetSettings) -> tuple[np.ndarray, np.ndarray]:
+    """The samples of a split: poses (m, 4) [m, rad] and their velocities (m, 4) [m/s, rad/s]."""
+    chosen = split_mask(dataset, split, settings)
+    states = dataset.states[chosen]
+    keep = np.ones(states.shape[:2], bool)
+    if settings.samples == "without_start":
+        keep = dataset.times[chosen] >= settings.start_seconds
+    return states[keep][:, :POSE_SIZE], states[keep][:, POSE_SIZE:]

@@ -1,0 +1,21 @@
+"""Settings of the dataset: how trajectories are split, and which of their nodes are samples."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from agile_jax.settings import Fraction, NonNegative, Settings
+
+
+class DatasetSettings(Settings):
+    """The split is by trajectory: neighbours on one trajectory are nearly equal and must not sit on both sides of it."""
+
+    split: Annotated[tuple[Fraction, Fraction, Fraction], Field(strict=False)] = (0.8, 0.1, 0.1)  # train, validation, test
+    samples: Literal["all", "without_start"] = "all"
+    start_seconds: NonNegative = 0.6  # left out by "without_start": speeding up from rest is not a function of the pose
+
+    @model_validator(mode="after")
+    def _split_adds_up(self) -> "DatasetSettings":
+        if abs(sum(self.split) - 1) > 1e-9:
+            raise ValueError(f"split = {list(self.split)} must add up to 1 (train, validation, test)")
+        return self

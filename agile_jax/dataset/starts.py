@@ -1,0 +1,110 @@
+"""Where labels start. Start i is a pure function of (seed, i), so shards need to know nothing of each other.
+
+"paper" is the scene's start distribution. "wide" also covers where the closed loop gets to: a mixture of the paper's starts at any height, of
+poses around the target, and of poses uniform over each convex part of the free space (in front of, behind, left and right of, under or
+over each obstacle), so that the tunnel under a table is as well covered as the open floor. All with a spread in yaw.
+"""
+
+import numpy as np
+
+from agile_jax.expert import ExpertSettings, planning_margin
+from agile_jax.expert.regions import FACES
+from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, Starts, clearance, sample_starts
+from agile_jax.settings import BadInput
+
+START_STREAM = 1  # separates the generators of different purposes under one seed
+MAX_DRAWS = 10_000
+
+
+def draw_start(scene: Scene, scene_settings: SceneSettings, settings: ExpertSettings, seed: int, index: int) -> Starts:
+    """Draw start `index` of the dataset, with the account of what was rejected before it.
+
+    Raises:
+        BadInput: hardly any start is free.
+    """
+    margin = planning_margin(settings)
+    key = (seed, START_STREAM, index)
+    if settings.starts == "paper":
+        start = scene_settings.start
+        return sample_starts(scene, np.array(start.mean), np.array(start.std), 1, margin, key)
+
+    generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(key)))
+    boxes = wide_boxes(scene, scene_settings, settings)
+    collisions = outside = 0
+    for attempted in range(1, MAX_DRAWS + 1):
+        pose = _draw_wide(scene, scene_settings, settings, boxes, generator)
+        if ((pose < scene.lower) | (pose > scene.upper)).any():
+            outside += 1
+        elif clearance(scene, pose) < margin:
+            collisions += 1
+        else:
+            return Starts(pose[None], attempted, collisions, outside)
+    raise BadInput(
+        f'expert.starts = "wide": none of {MAX_DRAWS} draws is free with a margin of {margin} m; '
+        "widen the bounds or move the starts away from the obstacles"
+    )
+
+
+def wide_boxes(
+    scene: Scene, scene_settings: SceneSettings, settings: ExpertSettings
+) -> list[tuple[np.ndarray, np.ndarray]]:
+    """The boxes (lower, upper), each of shape (3,), over which wide starts are uniform [m].
+
+    They lie within the box around the paper's starts (two standard deviations), all obstacles and the target, padded. Those under and over
+    an obstacle are limited to its own footprint.
+    """
+    start = scene_settings.start
+    mean, std = np.array(start.mean[:2]), np.array(start.std[:2])
+    half = scene.obstacle_half_sizes[:, :2].max(-1, initial=0.0)[:, None] * np.sqrt(2)  # holds at any yaw
+    corners = [
+        (mean - 2 * std)[None],
+        (mean + 2 * std)[None],
+        scene.target[None, :2],
+        scene.obstacle_centers[:, :2] - half,
+        scene.obstacle_centers[:, :2] + half,
+    ]
+    points = np.concatenate(corners)
+    lower = np.append(np.maximum(points.min(0) - settings.wide_padding, scene.lower[:2]), scene.lower[2])
+    upper = np.append(np.minimum(points.max(0) + settings.wide_padding, scene.upper[:2]), scene.upper[2])
+    if len(scene.obstacle_centers) == 0:
+        return [(lower, upper)]
+
+    boxes = []
+    grown = scene.obstacle_half_sizes + scene.torso_half_size + planning_margin(settings)
+    for center, body in zip(scene.obstacle_centers, grown, strict=True):
+        for _, axis, sign in FACES:
+            low, high = lower.copy(), upper.copy()
+            if axis == 2:
+                low[:2], high[:2] = np.maximum(low[:2], center[:2] - body[:2]), np.minimum(high[:2], (center + body)[:2])
+            if sign > 0:
+                low[axis] = max(low[axis], center[axis] + body[axis])
+            else:
+                high[axis] = min(high[axis], center[axis] - body[axis])
+            if (low <= high).all():
+                boxes.append((low, high))
+    return boxes
+
+
+def _draw_wide(
+    scene: Scene,
+    scene_settings: SceneSettings,
+    settings: ExpertSettings,
+    boxes: list[tuple[np.ndarray, np.ndarray]],
+    generator: np.random.Generator,
+) -> np.ndarray:
+    """One pose of the mixture, shape (4,), free or not."""
+    kind = generator.random()
+    normal = generator.standard_normal(POSE_SIZE)
+    uniform = generator.random(POSE_SIZE)
+    pose = np.empty(POSE_SIZE)
+    pose[2] = scene.lower[2] + uniform[2] * (scene.upper[2] - scene.lower[2])
+    pose[3] = np.clip(scene.target[3] + settings.wide_yaw_std * normal[3], scene.lower[3], scene.upper[3])
+    if kind < settings.wide_paper_fraction:
+        start = scene_settings.start
+        pose[:2] = np.array(start.mean[:2]) + np.array(start.std[:2]) * normal[:2]
+    elif kind < settings.wide_paper_fraction + settings.wide_target_fraction:
+        pose[:2] = scene.target[:2] + settings.wide_target_std * normal[:2]
+    else:
+        low, high = boxes[int(generator.integers(len(boxes)))]
+        pose[:3] = low + uniform[:3] * (high - low)
+    return pose

@@ -1,0 +1,177 @@
+"""The work engine: maps a module-level function over independent tasks, here, over local processes or over a cluster.
+
+A task that raises, or whose worker dies again and again, becomes a `TaskFailure`; all others are finished. A worker that dies once costs
+nothing: it is replaced and its task runs again, so tasks must be idempotent. Local workers are spawned processes of one thread
+each, on the loopback interface; they hold no accelerator because nothing that they import loads JAX.
+"""
+
+import logging
+import os
+import signal
+import tempfile
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any, NamedTuple, Protocol
+
+from agile_jax.settings import BadInput
+
+# One thread a worker: numerical libraries that start their own would fight over the cores, and could change last digits.
+THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")}
+ALLOWED_DEATHS = 3  # of workers under one task, before the task is given up
+
+
+class TaskFailure(NamedTuple):
+    """A task without result."""
+
+    index: int
+    cause: str
+
+
+class Engine(Protocol):
+    """Where tasks run."""
+
+    workers: int
+
+    def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """Yield (index, result or `TaskFailure`) in order of completion, once for every task."""
+        ...
+
+
+class InlineEngine:
+    """Runs tasks in this process, in order: for debugging, and for very little work."""
+
+    workers = 1
+
+    def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """See `Engine.map`."""
+        for index, task in enumerate(tasks):
+            try:
+                result = function(task)
+            except Exception as error:
+                result = TaskFailure(index, describe(error))
+            yield index, result
+
+
+class DaskEngine:
+    """Runs tasks through a dask.distributed client."""
+
+    def __init__(self, client: Any):
+        self._client = client
+        self.workers = max(1, sum(client.nthreads().values()))
+
+    def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
+        """See `Engine.map`.
+
+        No more tasks are in flight than there are workers: one that kills its worker then takes no waiting neighbour with it.
+        """
+        from distributed import as_completed
+
+        waiting = list(enumerate(tasks))[::-1]
+        running: dict[Any, int] = {}
+        completed = as_completed(raise_errors=False)
+
+        def submit() -> None:
+            index, task = waiting.pop()
+            # pure=False: equal tasks are different tasks; the key must not depend on hashing the settings.
+            future = self._client.submit(function, task, pure=False)
+            running[future] = index
+            completed.add(future)
+
+        while waiting and len(running) < self.workers:
+            submit()
+        while running:
+            future = next(completed)
+            index = running.pop(future)
+            if future.status == "finished":
+                result = future.result()
+            elif future.status == "error":
+                result = TaskFailure(index, describe(future.exception()))
+            else:
+                result = TaskFailure(index, f"the task was {future.status}")
+            del future
+            if waiting:
+                submit()
+            yield index, result
+
+
+def describe(error: BaseException) -> str:
+    """One line about an exception."""
+    if type(error).__name__ == "KilledWorker":
+        return f"KilledWorker: the task's worker process died {ALLOWED_DEATHS + 1} times (out of memory, or a crash in native code)"
+    return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+@contextmanager
+def open_engine(address: str = "local", workers: int | None = None) -> Iterator[Engine]:
+    """Open an engine; leaving the context, also by Ctrl-C, ends its processes.
+
+    Args:
+        address: "local" for processes on this machine, "inline" for none, or "tcp://host:port" of a dask scheduler.
+        workers: local processes; None takes one for each core that this process may use.
+
+    Raises:
+        BadInput: unknown address, or no scheduler answers there.
+    """
+    if workers is not None and workers < 1:
+        raise BadInput(f"engine workers = {workers} must be at least 1")
+    if address == "inline":
+        yield InlineEngine()
+    elif address == "local":
+        with _local_client(workers or len(os.sched_getaffinity(0))) as client:
+            yield DaskEngine(client)
+    elif address.startswith(("tcp://", "tls://")):
+        with _remote_client(address) as client:
+            yield DaskEngine(client)
+    else:
+        raise BadInput(f'engine address "{address}" is none of "local", "inline", "tcp://host:port"')
+
+
+@contextmanager
+def _local_client(workers: int) -> Iterator[Any]:
+    import dask
+    from distributed import Client, LocalCluster
+
+    quiet = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
+    with (
+        tempfile.TemporaryDirectory(prefix="agile-engine-", ignore_cleanup_errors=True) as scratch,
+        dask.config.set(quiet),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address=None,
+            silence_logs=logging.CRITICAL,
+            memory_limit=0,
+            local_directory=scratch,
+            env=THREADS,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        client.register_plugin(_ignore_interrupts())
+        yield client
+
+
+def _ignore_interrupts() -> Any:
+    """Ctrl-C reaches every process of the terminal; only this one should act on it, and then close the workers."""
+    from distributed import WorkerPlugin
+
+    class IgnoreInterrupts(WorkerPlugin):
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return IgnoreInterrupts()
+
+
+@contextmanager
+def _remote_client(address: str) -> Iterator[Any]:
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout="10s")
+    except (OSError, TimeoutError, ValueError) as error:
+        raise BadInput(f"engine address {address}: no dask scheduler answers ({describe(error)})") from None
+    with client:
+        if not client.nthreads():
+            raise BadInput(f"engine address {address}: the scheduler has no workers")
+        yield client

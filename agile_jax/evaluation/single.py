@@ -1,0 +1,66 @@
+"""One closed-loop episode, for looking at."""
+
+import pathlib
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import numpy as np
+
+from agile_jax.evaluation.backend import Inputs, make_backend
+from agile_jax.evaluation.evaluate import time_limit
+from agile_jax.expert import check_start, make_expert
+from agile_jax.progress import silent
+from agile_jax.scene import make_scene
+from agile_jax.simulation import OUTCOME_NAMES, Trace
+
+
+class Watcher(Protocol):
+    """Receives the recorded episode, for example to draw it."""
+
+    def __call__(self, trace: Trace) -> None: ...  # noqa: D102
+
+
+def rollout_one(
+    inputs: Inputs,
+    run_directory: pathlib.Path,
+    start: Sequence[float],
+    watch: Watcher | None = None,
+    progress: Callable[[int, int, str], None] = silent,
+) -> dict[str, Any]:
+    """Run one episode in C MuJoCo.
+
+    Args:
+        inputs: settings, for example an Experiment.
+        run_directory: holds `training/`.
+        start: pose [x, y, z, yaw] [m, rad].
+        watch: called with the recorded episode.
+        progress: called with (0 or 1, 1, note).
+
+    Returns:
+        Outcome, times and quality, with units in the names.
+
+    Raises:
+        BadInput: the start is inside an obstacle or out of bounds.
+    """
+    scene = make_scene(inputs.scene)
+    pose = np.array(start, float)
+    check_start(scene, inputs.expert, pose)
+    solution = make_expert(scene, inputs.expert).solve(pose, initial_velocity="rest")
+    expert_time = solution.duration if solution.status == "solved" else np.nan
+    limits = time_limit(np.array([expert_time]))
+    backend = make_backend(inputs, run_directory / "training", 1, 1, progress)
+    rollout = backend.run(pose[None], limits, 1)
+    outcome, trace = rollout.outcome, rollout.traces[0]
+    if watch is not None:
+        watch(trace)
+    name = OUTCOME_NAMES[int(outcome.status[0])]
+    return {
+        "outcome": name,
+        "arrival_time_s": float(outcome.inside_since[0]) if name == "success" else None,
+        "expert_time_s": float(expert_time) if np.isfinite(expert_time) else None,
+        "end_time_s": float(outcome.time[0]),
+        "min_clearance_m": float(outcome.min_clearance[0]),
+        "final_error_m": float(outcome.planar_error[0]),
+        "lowest_trunk_height_m": float(trace.qpos[:, 2].min()),
+        "mpc_failures": int(rollout.mpc_failures[0]),
+    }

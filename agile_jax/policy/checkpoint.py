@@ -1,0 +1,178 @@
+"""Checkpoints of the training: the only module that knows Orbax.
+
+Orbax commits a step atomically but does not checksum the arrays: a flipped bit is restored in silence. So each step also holds `integrity.json`, written
+last, with the sha256 of every other file and the identity of the run that made it. A step whose files disagree with it, or that has none because
+the process was killed before, is set aside (renamed `<step>.damaged`), which is said in one line, and the step before is used.
+"""
+
+import json
+import pathlib
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any, NamedTuple
+
+import jax
+import orbax.checkpoint as ocp
+
+from agile_jax.files import hash_json, sha256, sync_folder, write_json
+from agile_jax.policy.field import Policy
+from agile_jax.policy.network import PolicyParameters
+from agile_jax.settings import BadInput
+
+INTEGRITY = "integrity.json"
+
+
+class Checkpoint(NamedTuple):
+    """One restored step."""
+
+    step: int
+    parameters: PolicyParameters
+    optimizer: Any  # Optax state; None when not asked for
+    metadata: dict[str, Any]
+
+
+def save_checkpoint(folder: pathlib.Path, checkpoint: Checkpoint, identity: dict[str, Any], keep: int) -> None:
+    """Write a step, then its integrity.json; delete all but the last `keep` steps.
+
+    Args:
+        folder: holds one folder a step.
+        checkpoint: what to write; the metadata must be JSON.
+        identity: what must be equal for a later run to go on from here (JSON).
+        keep: steps kept, at least 2.
+    """
+    with _manager(folder, keep) as manager:
+        manager.save(
+            checkpoint.step,
+            args=ocp.args.Composite(
+                parameters=ocp.args.StandardSave(checkpoint.parameters),
+                optimizer=ocp.args.StandardSave(checkpoint.optimizer),
+                metadata=ocp.args.JsonSave(checkpoint.metadata),
+            ),
+        )
+        manager.wait_until_finished()
+    path = folder / str(checkpoint.step)
+    content = {"files": _hashes(path), "identity": identity, "shapes": _shapes(checkpoint.parameters)}
+    write_json(path / INTEGRITY, content | {"sha256": hash_json(content)})
+
+
+def restore_checkpoint(
+    folder: pathlib.Path,
+    parameters: PolicyParameters,
+    optimizer: Any = None,
+    identity: dict[str, Any] | None = None,
+    tell: Callable[[str], None] = print,
+) -> Checkpoint | None:
+    """The last sound step, on the first device; None when there is none.
+
+    Args:
+        folder: of `save_checkpoint`.
+        parameters, optimizer: arrays or jax.ShapeDtypeStruct of the expected structure; without `optimizer` it is not read.
+        identity: of this run; not compared when None.
+        tell: is given one line for each step that was set aside.
+
+    Raises:
+        BadInput: the last sound step was made with another identity or another network.
+    """
+    steps = sorted((int(path.name) for path in folder.glob("*") if path.is_dir() and path.name.isdigit()), reverse=True)
+    for step in steps:
+        path = folder / str(step)
+        content, damage = _verified(path)
+        if content is None:
+            tell(f"{path}: {damage}; set aside, using the step before")
+            _set_aside(path)
+            continue
+        if identity is not None and content["identity"] != identity:
+            raise BadInput(
+                f"{folder} was made with other settings: {'; '.join(differences(content['identity'], identity))}. "
+                "Use another run directory, or delete this folder to train anew"
+            )
+        if content["shapes"] != _shapes(parameters):
+            changes = "; ".join(differences(content["shapes"], _shapes(parameters)))
+            raise BadInput(f"{folder} holds another network: {changes}")
+        items: dict[str, Any] = {
+            "parameters": ocp.args.StandardRestore(_on_device(parameters)),
+            "metadata": ocp.args.JsonRestore(),
+        }
+        if optimizer is not None:
+            items["optimizer"] = ocp.args.StandardRestore(_on_device(optimizer))
+        with _manager(folder, None) as manager:
+            restored = manager.restore(step, args=ocp.args.Composite(**items))
+        return Checkpoint(step, restored["parameters"], restored.get("optimizer"), restored["metadata"])
+    return None
+
+
+def load_parameters(directory: pathlib.Path, policy: Policy) -> PolicyParameters:
+    """The parameters of the last sound checkpoint in a training directory.
+
+    Raises:
+        BadInput: there is none, or it holds another network than `policy`.
+    """
+    expected = jax.eval_shape(policy.init, jax.random.key(0))
+    checkpoint = restore_checkpoint(directory / "checkpoints", expected)
+    if checkpoint is None:
+        raise BadInput(f"{directory / 'checkpoints'} holds no sound checkpoint; train the policy first")
+    return checkpoint.parameters
+
+
+def differences(old: Any, new: Any, path: str = "") -> list[str]:
+    """The dotted paths at which two JSON values differ, with both values."""
+    if isinstance(old, dict) and isinstance(new, dict):
+        found = []
+        for key in sorted(old.keys() | new.keys()):
+            found += differences(old.get(key), new.get(key), f"{path}.{key}" if path else key)
+        return found
+    return [] if old == new else [f"{path} was {json.dumps(old)}, is {json.dumps(new)}"]
+
+
+@contextmanager
+def _manager(folder: pathlib.Path, keep: int | None) -> Iterator[ocp.CheckpointManager]:
+    options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False, create=True)
+    with ocp.CheckpointManager(folder.absolute(), options=options) as manager:
+        yield manager
+
+
+def _hashes(path: pathlib.Path) -> dict[str, str]:
+    """The sha256 of every file of a step but integrity.json, by relative path."""
+    files = (file for file in path.rglob("*") if file.is_file() and file != path / INTEGRITY)
+    return {file.relative_to(path).as_posix(): sha256(file.read_bytes()) for file in sorted(files)}
+
+
+def _verified(path: pathlib.Path) -> tuple[dict[str, Any] | None, str]:
+    """The content of a sound step's integrity.json, or None and what is wrong."""
+    try:
+        content = json.loads((path / INTEGRITY).read_text())
+        digest = content.pop("sha256")
+        if hash_json(content) != digest:
+            return None, f"{INTEGRITY} is damaged"
+        found = _hashes(path)
+    except FileNotFoundError:
+        return None, f"has no {INTEGRITY} (killed while saving?)"
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        return None, f"{INTEGRITY} is damaged ({type(error).__name__})"
+    changed = differences(content["files"], found)
+    if changed:
+        return None, f"damaged file {changed[0].split(' was ')[0]}"
+    return content, ""
+
+
+def _set_aside(path: pathlib.Path) -> None:
+    """Rename a step to `<step>.damaged`; a read-only folder is left as it is."""
+    aside = path.with_name(f"{path.name}.damaged")
+    try:
+        if aside.exists():
+            shutil.rmtree(aside)
+        path.rename(aside)
+        sync_folder(path.parent)
+    except OSError:
+        return
+
+
+def _shapes(tree: Any) -> dict[str, list[int]]:
+    """The shape of every leaf by its path."""
+    return {jax.tree_util.keystr(key): list(leaf.shape) for key, leaf in jax.tree_util.tree_leaves_with_path(tree)}
+
+
+def _on_device(tree: Any) -> Any:
+    sharding = jax.sharding.SingleDeviceSharding(jax.devices()[0])
+    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding), tree)

@@ -1,0 +1,105 @@
+"""The policy: a velocity field whose behaviour near the target is designed, not learned.
+
+    v(s) = base(s) + gain(s) * scale * net(features(s))
+
+plain:    base = 0, gain = 1, scale = 1, features = s. The paper's field: what it does away from its samples is anybody's guess.
+
+residual: base is the straight-line braking law towards the target (braking.py), scale = V the velocity bounds, and
+
+    gain = fraction * (1 - exp(-(tau / blend_time)^2))
+
+with tau the time to go of the slowest axis and fraction how close the braking law is to full motion. The gain vanishes with the error to the power
+of two, the law only to the power of one: around the target the field is -k e whatever the network says, so that there is one equilibrium there, at
+the target, and it is stable. Far away the network has the authority to turn the field round and along obstacles.
+
+Both are then limited to the velocity bounds (direction kept) and, with `field_filter`, to speeds that can be braked before an obstacle.
+"""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from agile_jax.policy.braking import braking_law
+from agile_jax.policy.features import features, natural_range, pose_error
+from agile_jax.policy.network import MLP, Normalization, PolicyParameters, fit_normalization
+from agile_jax.policy.settings import PolicySettings
+from agile_jax.policy.speed_limit import brake_before_obstacles, within_limits
+from agile_jax.scene import POSE_SIZE, Scene
+
+
+class Encoding(NamedTuple):
+    """All of a pose that the field depends on; free of parameters, so that training computes it once."""
+
+    features: jax.Array  # (f,)
+    base: jax.Array  # (4,) [m/s, rad/s]
+    gain: jax.Array  # (1,)
+
+
+class Policy(NamedTuple):
+    """A velocity field s -> s'. One pose a call; vmap at the caller. All functions are pure."""
+
+    init: Callable[..., PolicyParameters]  # (key, initialisation="lecun_normal"), normalisation identity
+    velocity: Callable[[PolicyParameters, jax.Array], jax.Array]  # pose (4,) -> limited velocity (4,)
+    encode: Callable[[jax.Array], Encoding]  # pose (4,)
+    field: Callable[[PolicyParameters, Encoding], jax.Array]  # -> velocity (4,) before any limit: what is trained
+    fit: Callable[[PolicyParameters, np.ndarray], PolicyParameters]  # sets the normalisation from features (m, f)
+
+
+def make_policy(
+    scene: Scene, velocity_limit: np.ndarray, acceleration_limit: np.ndarray, settings: PolicySettings
+) -> Policy:
+    """The policy that `settings` describe.
+
+    Args:
+        scene: target and obstacles.
+        velocity_limit, acceleration_limit: bounds of the labels, shape (4,) [m/s, rad/s], [m/s^2, rad/s^2].
+        settings: kind, network and features.
+    """
+    limit = jnp.asarray(velocity_limit, jnp.float32)
+    acceleration = jnp.asarray(acceleration_limit, jnp.float32)
+    scene = Scene(*(np.asarray(array, np.float32) for array in scene))
+    residual = settings.kind == "residual"
+    scale = np.asarray(velocity_limit) if residual else np.ones(POSE_SIZE)
+    wall_length = settings.wall_length if settings.wall_features else None
+    layers = (*settings.hidden_layers, POSE_SIZE)
+
+    def encode(pose: jax.Array) -> Encoding:
+        pose = jnp.asarray(pose, jnp.float32)
+        if not residual:
+            return Encoding(pose, jnp.zeros(POSE_SIZE), jnp.ones(1))
+        law = braking_law(pose_error(pose, jnp.asarray(scene.target)), limit, acceleration, settings.approach_rate)
+        gain = law.fraction * -jnp.expm1(-((law.time_to_go / settings.blend_time) ** 2))
+        return Encoding(features(scene, pose, wall_length), law.velocity, gain[None])
+
+    inputs = jax.eval_shape(encode, jax.ShapeDtypeStruct((POSE_SIZE,), jnp.float32)).features.shape[-1]
+
+    def init(key: jax.Array, initialisation: str = "lecun_normal") -> PolicyParameters:
+        network = MLP(layers, settings.activation, initialisation).init(key, jnp.zeros(inputs))
+        normalization = Normalization(jnp.zeros(inputs), jnp.ones(inputs), jnp.asarray(scale, jnp.float32))
+        return PolicyParameters(network, normalization)
+
+    def fit(parameters: PolicyParameters, inputs_of_data: np.ndarray) -> PolicyParameters:
+        if not settings.normalize_inputs:
+            return parameters
+        spans = natural_range(scene, inputs)
+        return parameters._replace(normalization=fit_normalization(inputs_of_data, spans, scale))
+
+    network = MLP(layers, settings.activation)
+
+    def field(parameters: PolicyParameters, encoding: Encoding) -> jax.Array:
+        mean, std, unit = parameters.normalization
+        output = network.apply(parameters.network, (encoding.features - mean) / std)
+        return encoding.base + encoding.gain * unit * output
+
+    def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:
+        pose = jnp.asarray(pose, jnp.float32)
+        result = within_limits(field(parameters, encode(pose)), limit)
+        if settings.field_filter:
+            result = brake_before_obstacles(scene, pose, result, acceleration, settings.filter_margin)
+            result = within_limits(result, limit)
+        return result
+
+    return Policy(init, velocity, encode, field, fit)

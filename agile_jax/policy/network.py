@@ -1,0 +1,92 @@
+"""The multilayer perceptron and the parameters that travel with it.
+
+    y = scale * (W_L a(... a(W_1 (f - mean) / std + b_1) ...) + b_L)
+
+f are the inputs, a the activation. Mean, std and scale are part of the parameters, so that a checkpoint is complete, but are not trained.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import flax.linen as nn
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Initialisation = str  # "lecun_normal" | "torch_uniform"
+
+ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
+    "tanh": jnp.tanh,
+    "softplus": nn.softplus,
+    "gelu": nn.gelu,
+    "relu": nn.relu,
+}
+
+
+class Normalization(NamedTuple):
+    """Units of the network's inputs and outputs."""
+
+    mean: jax.Array  # (f,)
+    std: jax.Array  # (f,)
+    scale: jax.Array  # (outputs,) [m/s, rad/s]
+
+
+class PolicyParameters(NamedTuple):
+    """All that a trained policy consists of."""
+
+    network: Any  # Flax parameters
+    normalization: Normalization
+
+
+def uniform_fan_in(key: jax.Array, shape: tuple[int, ...], fan_in: int, dtype: Any = jnp.float32) -> jax.Array:
+    """Uniform in +-1 / sqrt(fan_in)."""
+    bound = 1.0 / np.sqrt(fan_in)
+    return jax.random.uniform(key, shape, dtype, -bound, bound)
+
+
+class MLP(nn.Module):
+    """Fully connected layers with an activation between them; the last is linear."""
+
+    layers: tuple[int, ...]  # widths, the output's included
+    activation: str
+    initialisation: Initialisation = "lecun_normal"
+
+    @nn.compact
+    def __call__(self, x: jax.Array) -> jax.Array:
+        """Shape (..., inputs) to (..., layers[-1])."""
+        for i, width in enumerate(self.layers):
+            if self.initialisation == "torch_uniform":
+                fan_in = x.shape[-1]
+                layer = nn.Dense(
+                    width,
+                    kernel_init=lambda key, shape, dtype, n=fan_in: uniform_fan_in(key, shape, n, dtype),
+                    bias_init=lambda key, shape, dtype, n=fan_in: uniform_fan_in(key, shape, n, dtype),
+                )
+            else:
+                layer = nn.Dense(width)
+            x = layer(x)
+            if i + 1 < len(self.layers):
+                x = ACTIVATIONS[self.activation](x)
+        return x
+
+
+def fit_normalization(features: np.ndarray, natural_range: np.ndarray, scale: np.ndarray) -> Normalization:
+    """Mean and standard deviation of the inputs.
+
+    An input that hardly varies (the yaw of the paper's data is constant) is divided by its natural range instead: divided by its own spread, it
+    would explode as soon as it leaves the data.
+
+    Args:
+        features: shape (m, f).
+        natural_range: half of what each input can span, shape (f,), in the input's units.
+        scale: of the outputs, shape (outputs,).
+    """
+    mean, std = features.mean(0, dtype=np.float64), features.std(0, dtype=np.float64)
+    std = np.where(std > 0.01 * natural_range, std, natural_range)
+    as_float32 = [jnp.asarray(x, jnp.float32) for x in (mean, std, scale)]
+    return Normalization(*as_float32)
+
+
+def parameter_count(parameters: PolicyParameters) -> int:
+    """The trained numbers."""
+    return sum(leaf.size for leaf in jax.tree.leaves(parameters.network))

@@ -1,0 +1,74 @@
+"""The error below which no velocity field can come on these labels.
+
+A rest-to-rest trajectory passes a place at a velocity that depends on where it began: the label is not a function of the position, and
+E[Var(v | s)] is the floor of every mean squared error. The Gamma test (Stefansson, Koncar and Jones, "A note on the Gamma test", Neural Computing and
+Applications 5, 1997) estimates it without a model. For a sample q let n_p be its p-th nearest neighbour among the other trajectories, one a
+trajectory. With v = f(s) + r, r of variance G,
+
+    gamma(p) = mean_q |v_q - v_np|^2 / 2  ~  G + A delta(p),     delta(p) = mean_q |s_q - s_np|^2
+
+so the regression of gamma on delta, p = 1 .. P, meets delta = 0 at G: the neighbours' distance is accounted for, not neglected. Subtracting
+any fixed function of the position from the velocities leaves G as it is and makes A, thus the error, smaller; the training subtracts the
+braking law.
+"""
+
+import numpy as np
+
+MEMORY = 16_000_000  # distances held at once
+
+
+def noise_floor(
+    poses: np.ndarray,
+    velocities: np.ndarray,
+    queries: int = 1000,
+    neighbours: int = 8,
+    max_trajectories: int = 2000,
+    seed: int = 0,
+) -> float:
+    """The estimate G, averaged over the outputs [(m/s)^2, (rad/s)^2]; 0 when the regression meets zero below it.
+
+    Args:
+        poses: by trajectory, shape (n, m, 4) [m, rad].
+        velocities: minus any function of the position, shape (n, m, 4) [m/s, rad/s].
+        queries: samples at most for which neighbours are sought.
+        neighbours: P, of different trajectories.
+        max_trajectories: searched at most.
+        seed: of the subsamples.
+
+    Raises:
+        ValueError: fewer than three trajectories.
+    """
+    if len(poses) < 3:
+        raise ValueError(f"a noise floor needs at least 3 trajectories, not {len(poses)}")
+    generator = np.random.default_rng(seed)
+    if len(poses) > max_trajectories:
+        chosen = generator.permutation(len(poses))[:max_trajectories]
+        poses, velocities = poses[chosen], velocities[chosen]
+    count, nodes, _ = poses.shape
+    neighbours = min(neighbours, count - 1)
+    scaled = poses.astype(np.float32).reshape(count * nodes, -1)
+    scaled = scaled - scaled.mean(0)
+    spread = scaled.std(0)
+    scaled = scaled / np.where(spread > 1e-3, spread, 1.0)  # an axis without spread parts no neighbours
+    flat = np.asarray(velocities, np.float32).reshape(count * nodes, -1)
+    picked = generator.permutation(count * nodes)[:queries]
+
+    squares, differences = [], []
+    square_norm = (scaled**2).sum(-1)
+    block = max(1, MEMORY // (count * nodes))
+    for first in range(0, len(picked), block):
+        query = picked[first : first + block]
+        distance = square_norm[query, None] - 2 * scaled[query] @ scaled.T + square_norm  # (b, n m)
+        by_trajectory = distance.reshape(len(query), count, nodes)
+        nearest_node = by_trajectory.argmin(-1)
+        nearest = np.take_along_axis(by_trajectory, nearest_node[..., None], -1)[..., 0]  # (b, n)
+        nearest[np.arange(len(query)), query // nodes] = np.inf
+        others = np.argpartition(nearest, neighbours - 1, axis=1)[:, :neighbours]
+        others = np.take_along_axis(others, np.take_along_axis(nearest, others, 1).argsort(1), 1)  # (b, P)
+        rows = others * nodes + np.take_along_axis(nearest_node, others, 1)
+        squares.append(((scaled[query, None] - scaled[rows]) ** 2).sum(-1))
+        differences.append(((flat[query, None] - flat[rows]) ** 2).mean(-1) / 2)
+    delta = np.concatenate(squares).mean(0, dtype=np.float64)
+    gamma = np.concatenate(differences).mean(0, dtype=np.float64)
+    slope = np.polyfit(delta, gamma, 1)[0] if np.ptp(delta) > 0 else 0.0
+    return float(max(gamma.mean() - max(slope, 0.0) * delta.mean(), 0.0))

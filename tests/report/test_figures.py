@@ -1,0 +1,134 @@
+"""Figures are written, show something, show it in its colour, and are the same when drawn again."""
+
+import json
+import pathlib
+
+import numpy as np
+import pytest
+from conftest import crawl
+from PIL import Image
+
+from agile_jax.expert import ExpertSettings, Trajectory, make_expert
+from agile_jax.report import draw_plan
+from agile_jax.report.episode_figures import draw_episode, draw_outcomes
+from agile_jax.report.learning_figures import draw_learning_curve, draw_velocity_field, read_metrics
+from agile_jax.report.plan_figures import full_height
+from agile_jax.report.scene_drawing import box_outline
+from agile_jax.report.style import BLUE, GREEN, RED
+from agile_jax.report.traces import Episode, Outcomes, below_obstacle
+from agile_jax.scene import SceneSettings, TableSettings, clearance, make_scene
+from agile_jax.settings import BadInput
+
+
+def count_pixels(path: pathlib.Path, color: str) -> int:
+    """Pixels close to a colour."""
+    wanted = np.array([int(color[i : i + 2], 16) for i in (1, 3, 5)])
+    return int((np.abs(np.asarray(Image.open(path).convert("RGB")).astype(int) - wanted).max(2) < 12).sum())
+
+
+def assert_shows_something(path: pathlib.Path) -> None:
+    pixels = np.asarray(Image.open(path).convert("L"))
+    assert pixels.shape[0] > 300
+    assert pixels.shape[1] > 600
+    assert 0.01 < (pixels < 200).mean() < 0.6
+    assert len(np.unique(pixels)) > 20
+
+
+def straight(height: float) -> Trajectory:
+    states = np.zeros((51, 8))
+    states[:, 0], states[:, 2] = np.linspace(0, 3, 51), height
+    return Trajectory(np.linspace(0, 4, 51), states, np.zeros((50, 4)))
+
+
+def test_a_plan_is_drawn_green_then_red_and_again_alike(tmp_path, scene):
+    one = draw_plan(scene, {"under": straight(0.16)}, tmp_path / "one.png")
+    two = draw_plan(scene, {"under": straight(0.16), "over": straight(0.28)}, tmp_path / "two.png")
+    assert_shows_something(two)
+    assert count_pixels(one, GREEN) > 500
+    assert count_pixels(one, RED) == 0
+    assert count_pixels(two, RED) > 300
+    assert draw_plan(scene, {"under": straight(0.16)}, tmp_path / "again.png").read_bytes() == one.read_bytes()
+
+
+def test_silhouettes_of_a_turned_box():
+    """A unit square turned by 45 degrees is sqrt(2) wide from every side."""
+    center, half = np.array([1.0, 2.0, 0.3]), np.array([0.5, 0.5, 0.1])
+    side = box_outline(center, half, np.pi / 4, "side")
+    np.testing.assert_allclose([side.min(0), side.max(0)], [[1 - np.sqrt(0.5), 0.2], [1 + np.sqrt(0.5), 0.4]])
+    front = box_outline(center, half, np.pi / 4, "front")
+    np.testing.assert_allclose([front.min(0), front.max(0)], [[2 - np.sqrt(0.5), 0.2], [2 + np.sqrt(0.5), 0.4]])
+
+
+def test_the_plane_has_no_way_under_the_table(scene_settings, scene):
+    flat = make_scene(full_height(scene_settings))
+    for height in np.linspace(0.14, 0.32, 7):
+        assert clearance(flat, np.array([1.5, 0.0, height, 0.0])) < 0
+    assert clearance(scene, np.array([1.5, 0.0, 0.16, 0.0])) > 0
+    solution = make_expert(flat, ExpertSettings(nodes=40)).solve(np.array([0.0, 0.0, 0.28, 0.0]))
+    assert solution.status == "solved"
+    np.testing.assert_allclose(solution.trajectory.states[:, 2], 0.28, atol=1e-6)
+    assert np.abs(solution.trajectory.states[:, 1]).max() > 0.5  # beside the table
+
+
+def test_outcomes_are_counted_and_coloured(tmp_path, scene):
+    start = np.column_stack([np.linspace(0, 1, 40), np.linspace(-1, 1, 40), np.full(40, 0.26), np.zeros(40)])
+    good = draw_outcomes(scene, Outcomes(start, np.zeros(40, int)), tmp_path / "good.png")
+    bad = draw_outcomes(scene, Outcomes(start, np.ones(40, int)), tmp_path / "bad.png")
+    assert_shows_something(good)
+    assert count_pixels(bad, RED) > 10 * max(1, count_pixels(good, RED))
+
+
+@pytest.mark.parametrize("clear", [True, False])
+def test_an_episode_over_time(tmp_path, scene, clear):
+    time, qpos = crawl(0.0)
+    count = len(time)
+    distance = np.full(count, np.inf) if clear else 0.02 + np.abs(time - 1.5)
+    zeros = [np.zeros((count, width)) for width in (18, 12, 8)]
+    episode = Episode(0, "success", time, qpos, *zeros, distance)
+    path = draw_episode(scene, episode, np.full(12, 33.5), tmp_path / "episode.png")
+    assert_shows_something(path)
+    assert count_pixels(path, BLUE) > 500
+
+
+def test_an_episode_of_one_moment(tmp_path, scene):
+    time, qpos = crawl(0.0)
+    episode = Episode(0, "unstable", time[:1], qpos[:1], *(np.zeros((1, n)) for n in (18, 12, 8)), np.array([np.nan]))
+    assert_shows_something(draw_episode(scene, episode, np.full(12, 33.5), tmp_path / "episode.png"))
+
+
+def test_learning_curve(tmp_path):
+    rows = [{"epoch": e, "train_mse": 0.1 / (e + 1), "validation_mse": 0.12 / (e + 1)} for e in range(60)]
+    rows[7]["train_mse"] = float("nan")
+    path = draw_learning_curve(rows, 0.002, tmp_path / "curve.png")
+    pixels = np.asarray(Image.open(path).convert("L"))
+    assert (pixels < 200).mean() > 0.005
+    assert count_pixels(path, BLUE) > 500
+
+
+def test_a_torn_last_line_is_left_out_and_another_is_refused(tmp_path):
+    path = tmp_path / "metrics.jsonl"
+    path.write_text(json.dumps({"epoch": 0}) + "\n" + '{"epo')
+    assert read_metrics(path) == [{"epoch": 0}]
+    path.write_text('{"epo\n' + json.dumps({"epoch": 0}) + "\n")
+    with pytest.raises(BadInput, match="line 1"):
+        read_metrics(path)
+
+
+def test_velocity_field_is_not_drawn_inside_the_obstacle(tmp_path, scene):
+    seen = []
+
+    def velocity(poses):
+        seen.append(poses.copy())
+        return np.tile([0.5, 0.1, 0.0, 0.0], (len(poses), 1))
+
+    path = draw_velocity_field(scene, velocity, {"nominal": 0.28, "crawl": 0.16}, tmp_path / "field.png")
+    assert_shows_something(path)
+    assert {float(z) for poses in seen for z in poses[:, 2]} == {0.28, 0.16}
+
+
+def test_the_underside_is_known_where_the_table_is():
+    table = TableSettings(kind="table", position=(1.0, 2.0), size=(1.0, 0.2), underside=0.25, yaw=float(np.pi / 2))
+    scene = make_scene(SceneSettings(obstacles=(table,)))
+    # turned by 90 degrees the table reaches 0.1 m along x and 0.5 m along y
+    positions = np.array([[1.05, 2.4, 0.2], [1.4, 2.05, 0.2], [1.05, 2.4, 0.3]])
+    np.testing.assert_array_equal(below_obstacle(scene, positions), [0.25, np.nan, np.nan])

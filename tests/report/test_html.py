@@ -1,0 +1,144 @@
+"""The report stands alone, escapes what it shows, survives missing and damaged parts, and is the same when made again."""
+
+import html.parser
+import json
+import pathlib
+
+import numpy as np
+import pytest
+from conftest import RunInputs
+
+from agile_jax.report import ReportSettings, write_report
+from agile_jax.report.traces import choose_episode, load_episodes, load_outcomes
+
+VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
+HOSTILE = '<script>alert("x")</script>'
+
+
+class Page(html.parser.HTMLParser):
+    """Collects tags, addresses and text, and refuses tags that do not match."""
+
+    def __init__(self, content: str):
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.anchors: set[str] = set()
+        self.words: list[str] = []
+        self.feed(content)
+        self.close()
+        assert not self.open, f"never closed: {self.open}"
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.addresses += [value for key, value in attrs if key in ("src", "href", "poster", "action", "data")]
+        self.anchors |= {value for key, value in attrs if key == "id"}
+        assert not [key for key, _ in attrs if key.startswith("on")]
+        if tag not in VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.words.append(data)
+
+    @property
+    def text(self) -> str:
+        return " ".join(self.words)
+
+
+@pytest.fixture
+def inputs(scene_settings) -> RunInputs:
+    return RunInputs(scene_settings)
+
+
+def without_video(inputs: RunInputs) -> RunInputs:
+    return inputs._replace(report=ReportSettings(renderer="drawing", video=False, width=320, height=180))
+
+
+def test_a_whole_run(run_dir, inputs):
+    notes = []
+    path = write_report(run_dir, inputs, lambda done, total, note: notes.append((done, total, note)))
+    assert path == run_dir / "report.html"
+    page = Page(path.read_text())
+    assert page.tags.count("video") == 1
+    assert page.tags.count("img") >= 5
+    assert "script" not in page.tags
+    for address in page.addresses:
+        assert address.startswith(("data:image/png;base64,", "data:video/mp4;base64,", "#")), address[:60]
+    for address in (a for a in page.addresses if a.startswith("#")):
+        assert address[1:] in page.anchors
+    for words in ("93.8 %", "85.0 % to 97.5 %", "collision", "infeasible: 3", "under: 390", "0.0123", "0.10.2", "0.005"):
+        assert words in page.text, words
+    assert "Episode 2 (success)" in page.text  # the first success that went under the table
+    expected = {"paths", "learning_curve", "outcomes_mujoco", "episode_mujoco", "snapshots_mujoco"}
+    assert {file.stem for file in (run_dir / "figures").iterdir()} == expected
+    assert (run_dir / "videos/mujoco.mp4").stat().st_size > 10_000
+    assert notes[-1][0] == notes[-1][1]
+
+    first = path.read_bytes()
+    assert write_report(run_dir, inputs).read_bytes() == first
+
+
+def test_hostile_words_are_escaped(run_dir, inputs):
+    summary = json.loads((run_dir / "dataset/summary.json").read_text())
+    summary["failed"] = {HOSTILE: 1}
+    summary[HOSTILE] = HOSTILE
+    (run_dir / "dataset/summary.json").write_text(json.dumps(summary))
+    (run_dir / "environment.json").write_text(json.dumps({"packages": {HOSTILE: [HOSTILE]}}))
+    (run_dir / "experiment.toml").write_text(f"name = '{HOSTILE}'\n")
+    (run_dir / f"evaluation/{HOSTILE.replace('/', '')}.json").write_text("{}")
+    path = write_report(run_dir, without_video(inputs)._replace(name=HOSTILE))
+    page = Page(path.read_text())
+    assert "script" not in page.tags
+    assert HOSTILE in page.text
+
+
+def test_an_empty_run(tmp_path, inputs):
+    page = Page(write_report(tmp_path, inputs).read_text())
+    for words in ("no dataset", "not been trained", "not been evaluated", "no experiment.toml", "No episode"):
+        assert words in page.text, words
+    assert (tmp_path / "figures/paths.png").is_file()  # needs only the settings
+
+
+@pytest.mark.parametrize(
+    "name", ["dataset/summary.json", "training/summary.json", "evaluation/mujoco.npz", "evaluation/mujoco-traces.npz",
+             "training/metrics.jsonl", "environment.json", "experiment.toml", "evaluation/mujoco.json"]
+)  # fmt: skip
+@pytest.mark.parametrize("damage", ["missing", "garbage", "cut"])
+def test_missing_and_damaged_parts_are_named(run_dir, inputs, name, damage):
+    path = run_dir / name
+    if damage == "missing":
+        path.unlink()
+    elif damage == "garbage":
+        path.write_bytes(b"\x00\xff[garbage\n" * 40)
+    else:
+        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    page = Page(write_report(run_dir, without_video(inputs)._replace(scene=inputs.scene)).read_text())
+    if damage == "garbage":
+        assert name.split("/")[-1] in page.text
+    assert str(run_dir) not in page.text
+
+
+def test_an_object_array_is_not_unpickled(run_dir, inputs):
+    class Bomb:
+        def __reduce__(self):
+            return (pathlib.Path.touch, (run_dir / "exploded",))
+
+    np.savez(run_dir / "evaluation/mujoco.npz", start=np.array([Bomb()], dtype=object), outcome=np.zeros(1))
+    page = Page(write_report(run_dir, without_video(inputs)).read_text())
+    assert not (run_dir / "exploded").exists()
+    assert "mujoco.npz: cannot be read" in page.text
+
+
+def test_the_episode_that_is_shown_went_under(run_dir, scene):
+    outcomes = load_outcomes(run_dir / "evaluation/mujoco.npz")
+    episodes = load_episodes(run_dir / "evaluation/mujoco-traces.npz", outcomes)
+    assert [episode.outcome for episode in episodes] == ["collision", "success", "success"]
+    chosen = choose_episode(scene, episodes)
+    assert chosen is not None
+    assert chosen.row == 2
+    assert choose_episode(scene, episodes[:2]).row == 1  # a success before one that failed
+    assert choose_episode(scene, episodes[:1]).row == 0
+    assert choose_episode(scene, []) is None

@@ -1,0 +1,126 @@
+"""The model of the scene: what collides with what, where the obstacles stand, and what the torso's envelope covers."""
+
+import mujoco
+import numpy as np
+import pytest
+
+from agile_jax.robot import IMAGE_SIZE, LEG_NAMES, RobotSettings, build_mujoco_model, load_robot, standing_qpos
+from agile_jax.scene import BoxSettings, SceneSettings, TableSettings, make_scene
+
+TABLE = TableSettings(kind="table", position=(1.5, 0.2), size=(0.5, 1.0), underside=0.25, yaw=0.3)
+BOX = BoxSettings(kind="box", position=(0.0, 1.2, 0.1), size=(0.2, 0.3, 0.2), yaw=-0.5)
+SCENE = make_scene(SceneSettings(obstacles=(TABLE, BOX)))
+MODEL = build_mujoco_model(SCENE, RobotSettings(), 0.001)
+ROBOT = load_robot(RobotSettings())
+BODY_GEOMS = ["trunk_body", "trunk_head", *(f"{leg}_{part}" for leg in LEG_NAMES for part in ("hip", "thigh"))]
+LEG_GEOMS = [f"{leg}_{part}" for leg in LEG_NAMES for part in ("calf", "foot")]
+COLLISION_GEOMS = set(BODY_GEOMS + LEG_GEOMS)
+
+
+def touching(model, qpos) -> set[tuple[str, str]]:
+    """Pairs of names (what stands, part of the robot) in contact."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = qpos
+    mujoco.mj_forward(model, data)
+    pairs = [sorted(model.geom(geom).name for geom in contact) for contact in data.contact.geom]
+    fixed = ("floor", "obstacle_")
+    return {(a, b) if a.startswith(fixed) else (b, a) for a, b in pairs}
+
+
+def test_options():
+    assert MODEL.opt.timestep == 0.001
+    assert MODEL.opt.disableflags & mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    assert (MODEL.vis.global_.offwidth, MODEL.vis.global_.offheight) == IMAGE_SIZE
+    assert {MODEL.camera(index).name for index in range(MODEL.ncam)} == {"side", "front", "track"}
+
+
+def test_obstacles_are_the_scenes():
+    for index in range(2):
+        geom = MODEL.geom(f"obstacle_{index}")
+        np.testing.assert_allclose(geom.pos, SCENE.obstacle_centers[index])
+        np.testing.assert_allclose(geom.size, SCENE.obstacle_half_sizes[index])
+        yaw = SCENE.obstacle_yaws[index]
+        np.testing.assert_allclose(geom.quat, [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)])
+
+
+def test_an_empty_scene_has_no_obstacle():
+    model = build_mujoco_model(make_scene(SceneSettings()), RobotSettings(), 0.002)
+    assert not [index for index in range(model.ngeom) if model.geom(index).name.startswith("obstacle_")]
+
+
+def test_only_shapes_that_mjx_can_collide():
+    solid = [geom for geom in range(MODEL.ngeom) if MODEL.geom_contype[geom] or MODEL.geom_conaffinity[geom]]
+    kinds = mujoco.mjtGeom
+    allowed = {kinds.mjGEOM_PLANE, kinds.mjGEOM_BOX, kinds.mjGEOM_CAPSULE, kinds.mjGEOM_SPHERE}
+    assert {int(MODEL.geom_type[geom]) for geom in solid} <= {int(kind) for kind in allowed}
+    names = {MODEL.geom(geom).name for geom in solid}
+    assert names == COLLISION_GEOMS | {"floor", "obstacle_0", "obstacle_1"}
+
+
+def test_every_part_of_the_robot_collides_with_obstacles():
+    block = BoxSettings(kind="box", position=(0.0, 0.0, 2.0), size=(2.0, 2.0, 2.0))
+    model = build_mujoco_model(make_scene(SceneSettings(obstacles=(block,))), RobotSettings(), 0.002)
+    qpos = [0.0, 0.0, 2.0, 1.0, 0.0, 0.0, 0.0, *ROBOT.home_joint_pos]
+    assert touching(model, qpos) == {("obstacle_0", name) for name in COLLISION_GEOMS}
+
+
+def test_all_but_the_calves_collide_with_the_floor():
+    qpos = [0.0, -2.0, -0.4, 1.0, 0.0, 0.0, 0.0, *ROBOT.home_joint_pos]  # the whole robot is below the floor
+    calves = {f"{leg}_calf" for leg in LEG_NAMES}
+    assert touching(MODEL, qpos) == {("floor", name) for name in COLLISION_GEOMS - calves}
+
+
+def test_the_robot_does_not_collide_with_itself():
+    generator = np.random.default_rng(0)
+    for _ in range(50):
+        joint_pos = generator.uniform(ROBOT.joint_lower, ROBOT.joint_upper)
+        assert not touching(MODEL, [0.0, -2.0, 2.0, 1.0, 0.0, 0.0, 0.0, *joint_pos])
+
+
+def test_standing_robot_touches_the_floor_with_its_feet_only():
+    qpos = np.array(standing_qpos(ROBOT, [0.0, -1.0, 0.25, 0.0]))
+    qpos[2] -= 1e-4
+    assert touching(MODEL, qpos) == {("floor", f"{leg}_foot") for leg in LEG_NAMES}
+
+
+def test_feet_carry_the_weight():
+    data = mujoco.MjData(MODEL)
+    data.qpos[:] = target = np.array(standing_qpos(ROBOT, [0.0, -1.0, 0.27, 0.0]))
+    for _ in range(2000):
+        data.ctrl[:] = 200.0 * (target[7:] - data.qpos[7:]) - 3.0 * data.qvel[6:]
+        mujoco.mj_step(MODEL, data)
+    normal = np.zeros(6)
+    total = 0.0
+    for index in range(data.ncon):
+        mujoco.mj_contactForce(MODEL, data, index, normal)
+        total += normal[0]
+    assert abs(data.qvel).max() < 1e-2
+    assert total == pytest.approx(12.453 * 9.81, rel=1e-3)
+
+
+def extent(data, name) -> np.ndarray:
+    """Largest reach of a collision geom from the trunk's origin along the world's axes (3,) [m]."""
+    geom = MODEL.geom(name)
+    center, axes = np.abs(data.geom(name).xpos), data.geom(name).xmat.reshape(3, 3)
+    if geom.type == mujoco.mjtGeom.mjGEOM_BOX:
+        return center + np.abs(axes) @ geom.size
+    half_length = geom.size[1] if geom.type == mujoco.mjtGeom.mjGEOM_CAPSULE else 0.0
+    return center + np.abs(axes[:, 2]) * half_length + geom.size[0]
+
+
+@pytest.mark.parametrize("height", [0.15, 0.18, 0.27, 0.32])
+def test_the_scenes_torso_envelope_covers_trunk_hips_and_thigh_roots(height):
+    """What is level with the trunk must be inside the box whose clearance the planner keeps."""
+    data = mujoco.MjData(MODEL)
+    data.qpos[:] = standing_qpos(ROBOT, [0.0, 0.0, height, 0.0])
+    data.qpos[:3] = 0.0
+    mujoco.mj_forward(MODEL, data)
+    reach = [extent(data, name) for name in ["trunk_body", "trunk_head", *(f"{leg}_hip" for leg in LEG_NAMES)]]
+    for leg in LEG_NAMES:
+        thigh = MODEL.geom(f"{leg}_thigh")
+        body = MODEL.body(f"{leg}_thigh").id
+        root = data.xpos[body] + data.xmat[body].reshape(3, 3) @ [thigh.pos[0], 0.0, 0.0]
+        reach.append(np.abs(root) + thigh.size[0])
+    largest = np.max(reach, 0)
+    np.testing.assert_allclose(largest, [0.276, 0.15405, 0.058], atol=1e-5)
+    assert (largest <= np.array(SceneSettings().torso_half_size) + 1e-9).all()
