@@ -1,8 +1,9 @@
 """The work engine: maps a module-level function over independent tasks, here, over local processes or over a cluster.
 
-A task that raises, or whose worker dies again and again, becomes a `TaskFailure`; all others are finished. A worker that dies once costs
-nothing: it is replaced and its task runs again, so tasks must be idempotent. Local workers are spawned processes of one thread
-each, on the loopback interface; they hold no accelerator because nothing that they import loads JAX.
+A task that raises, or whose worker dies again and again, becomes a `TaskFailure`; all others are finished. A worker
+that dies once costs nothing: it is replaced and its task runs again, so tasks must be idempotent. Local workers are
+spawned processes of one thread each, on the loopback interface; they hold no accelerator because nothing that they
+import loads JAX.
 """
 
 import logging
@@ -15,15 +16,16 @@ from typing import Any, NamedTuple, Protocol
 
 from agile_jax.settings import BadInput
 
-# One thread a worker: numerical libraries that start their own would fight over the cores, and could change last digits.
+# One thread a worker: numerical libraries that start their own would fight over the cores, and could change last
+# digits.
 THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")}
-ALLOWED_DEATHS = 3  # of workers under one task, before the task is given up
+ALLOWED_DEATHS = 2  # of workers under one task, before the task is given up
 
 
 class TaskFailure(NamedTuple):
     """A task without result."""
 
-    index: int
+    index: int  # type: ignore[assignment]  # hides tuple.index, which nobody needs here
     cause: str
 
 
@@ -62,7 +64,8 @@ class DaskEngine:
     def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """See `Engine.map`.
 
-        No more tasks are in flight than there are workers: one that kills its worker then takes no waiting neighbour with it.
+        No more tasks are in flight than there are workers: one that kills its worker then takes no waiting neighbour
+            with it.
         """
         from distributed import as_completed
 
@@ -97,8 +100,19 @@ class DaskEngine:
 def describe(error: BaseException) -> str:
     """One line about an exception."""
     if type(error).__name__ == "KilledWorker":
-        return f"KilledWorker: the task's worker process died {ALLOWED_DEATHS + 1} times (out of memory, or a crash in native code)"
+        return (
+            f"KilledWorker: the task's worker process died {ALLOWED_DEATHS + 1} times "
+            "(out of memory, or a crash in native code)"
+        )
     return f"{type(error).__name__}: {' '.join(str(error).split())}"
+
+
+def check_engine(address: str, workers: int | None) -> None:
+    """Refuse what `open_engine` cannot understand (BadInput), without starting or asking anything."""
+    if workers is not None and workers < 1:
+        raise BadInput(f"engine workers = {workers} must be at least 1")
+    if address not in ("local", "inline") and not address.startswith(("tcp://", "tls://")):
+        raise BadInput(f'engine address "{address}" is none of "local", "inline", "tcp://host:port"')
 
 
 @contextmanager
@@ -112,18 +126,15 @@ def open_engine(address: str = "local", workers: int | None = None) -> Iterator[
     Raises:
         BadInput: unknown address, or no scheduler answers there.
     """
-    if workers is not None and workers < 1:
-        raise BadInput(f"engine workers = {workers} must be at least 1")
+    check_engine(address, workers)
     if address == "inline":
         yield InlineEngine()
     elif address == "local":
         with _local_client(workers or len(os.sched_getaffinity(0))) as client:
             yield DaskEngine(client)
-    elif address.startswith(("tcp://", "tls://")):
+    else:
         with _remote_client(address) as client:
             yield DaskEngine(client)
-    else:
-        raise BadInput(f'engine address "{address}" is none of "local", "inline", "tcp://host:port"')
 
 
 @contextmanager
@@ -140,7 +151,7 @@ def _local_client(workers: int) -> Iterator[Any]:
             threads_per_worker=1,
             processes=True,
             host="127.0.0.1",
-            dashboard_address=None,
+            dashboard_address="127.0.0.1:0",  # None would still take port 8787, and complain when it is taken
             silence_logs=logging.CRITICAL,
             memory_limit=0,
             local_directory=scratch,
@@ -168,7 +179,7 @@ def _remote_client(address: str) -> Iterator[Any]:
     from distributed import Client
 
     try:
-        client = Client(address, timeout="10s")
+        client = Client(address, timeout="4s")
     except (OSError, TimeoutError, ValueError) as error:
         raise BadInput(f"engine address {address}: no dask scheduler answers ({describe(error)})") from None
     with client:

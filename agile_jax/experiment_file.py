@@ -67,8 +67,11 @@ def override(table: Table, overrides: Mapping[str, Any], source: str = "command 
                 node = node[_index(node, part, dotted, source)]
                 path.append(int(part))
             elif isinstance(node, dict):
-                node = node.setdefault(part, {})
                 path.append(part)
+                if part not in node:
+                    node[part] = {}
+                    origins[tuple(path)] = source
+                node = node[part]
             else:
                 break
         if isinstance(node, list):

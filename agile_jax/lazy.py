@@ -5,6 +5,7 @@ So the `__init__` of a heavy stage imports only its settings, and lists its othe
 checker, under TYPE_CHECKING.
 """
 
+import sys
 from collections.abc import Callable
 from importlib import import_module
 from typing import Any
@@ -22,6 +23,9 @@ def lazy_names(package: str, homes: dict[str, str]) -> Callable[[str], Any]:
     def __getattr__(name: str) -> Any:  # noqa: N807
         if name not in module_of:
             raise AttributeError(f"module {package!r} has no attribute {name!r}")
-        return getattr(import_module(f"{package}.{module_of[name]}"), name)
+        value = getattr(import_module(f"{package}.{module_of[name]}"), name)
+        # Importing a submodule binds it to its own name in the package; a function of that name must win.
+        setattr(sys.modules[package], name, value)
+        return value
 
     return __getattr__

@@ -10,7 +10,7 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any, NamedTuple
 
-from agile_jax.engine import Engine, open_engine
+from agile_jax.engine import Engine, check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.run_directory import (
@@ -72,6 +72,7 @@ def run(
         BadInput: a folder was made with other settings, or another process is at work in the run directory.
         OSError: the disk is full or cannot be written; what is there stays whole.
     """
+    check_engine(engine, workers)
     if not overwrite:
         refuse_other_settings(run_dir, experiment, tuple(stages))
     results = {}
@@ -109,7 +110,11 @@ def _run_stage(
     else:
         # Their folders hold results of other settings, too: without a record no old result passes for the new one.
         paths.record.unlink(missing_ok=True)
-    _WORK[stage](experiment, run_dir, open_engine, lambda done, total, note: progress(done, total, f"{stage}: {note}"))
+
+    def named(done: int, total: int, note: str) -> None:
+        progress(done, total, note if note.startswith(f"{stage}: ") else f"{stage}: {note}")
+
+    _WORK[stage](experiment, run_dir, open_engine, named)
     if not paths.summary.is_file():
         raise RuntimeError(f"{stage} ended without {paths.summary}")
     if stage in ("evaluation", "report"):
@@ -146,6 +151,7 @@ def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEn
         experiment.seed,
         run_dir / "training",
         progress,
+        experiment.dataset,
     )
 
 
@@ -159,8 +165,7 @@ def _report(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngi
     from agile_jax.report import write_report
 
     del open_engine
-    progress(0, 0, "figures and video")
-    write_report(run_dir, experiment)
+    write_report(run_dir, experiment, progress)
 
 
 _WORK: dict[str, Callable[[Experiment, pathlib.Path, OpenEngine, Progress], None]] = {

@@ -8,9 +8,8 @@ import pathlib
 import signal
 import sys
 from collections.abc import Sequence
-from types import FrameType
-from typing import NoReturn
 
+from agile_jax.interruption import Interrupted
 from agile_jax.settings import BadInput
 
 DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
@@ -28,10 +27,6 @@ COMMANDS = {  # name: (arguments, what it does)
 }
 
 
-class Terminated(BaseException):
-    """SIGTERM arrived. Not an Exception, so that no stage takes it for a failure of its own."""
-
-
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return its exit code.
 
@@ -47,7 +42,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
         print(f"agile_jax {version('agile_jax')}")
         return DONE
-    signal.signal(signal.SIGTERM, _terminate)
     resume = "the same command goes on where this one stopped"
     try:
         return _dispatch(argv[0], argv[1:])
@@ -61,7 +55,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _say(f"{where}{error.strerror or error}; what was finished is kept, {resume}", FAILED)
     except KeyboardInterrupt:
         return _say(f"interrupted; {resume}", INTERRUPTED)
-    except Terminated:
+    except Interrupted as error:
+        if error.number == signal.SIGINT:
+            return _say(f"interrupted; {resume}", INTERRUPTED)
         return _say(f"terminated; {resume}", TERMINATED)
 
 
@@ -104,12 +100,6 @@ def _prepare_jax() -> None:
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
     os.environ.setdefault("JAX_ENABLE_X64", "0")
-
-
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    del frame
-    signal.signal(number, signal.SIG_DFL)  # a second one ends the process at once
-    raise Terminated
 
 
 def _say(text: str, code: int) -> int:

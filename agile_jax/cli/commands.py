@@ -4,13 +4,18 @@ import dataclasses
 import json
 import pathlib
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 
 import tyro
 
 from agile_jax.cli import DONE, FAILED
 from agile_jax.cli.arguments import parse_experiment, parse_run_dir
+from agile_jax.dataset import IncompleteDatasetError
+from agile_jax.engine import check_engine
+from agile_jax.interruption import interruptible, persistent
 from agile_jax.pipeline import StageResult, failures, stages_up_to, states
-from agile_jax.progress import shown
+from agile_jax.progress import Progress, shown
 from agile_jax.settings import BadInput
 
 Start = tuple[float, float, float, float]
@@ -89,12 +94,12 @@ def sweep(argv: list[str]) -> int:
     from agile_jax.sweep import list_trials, run_sweep, table
 
     experiment, options = parse_experiment("sweep", RunOptions(), argv)
-    _check(options)
+    check_engine(options.engine, options.workers)
     sweep_dir = options.run_dir or pathlib.Path("runs") / experiment.name
     if options.dry_run:
         print(table(experiment, list_trials(experiment, sweep_dir)))
         return DONE
-    with shown() as progress:
+    with _progress() as progress:
         trials = run_sweep(experiment, sweep_dir, engine=options.engine, workers=options.workers, progress=progress)
     print(table(experiment, trials))
     print(f"results: {sweep_dir / 'sweep.json'}")
@@ -122,21 +127,13 @@ def plan(argv: list[str]) -> int:
 
 def rollout(argv: list[str]) -> int:
     """`agile rollout`: one closed-loop episode of a finished run."""
-    from agile_jax.experiment import load_experiment
+    from agile_jax.episode import rollout as run_episode
 
     run_dir, options = parse_run_dir("rollout", RolloutOptions(start=tyro.MISSING), argv)
-    if not run_dir.is_dir():
-        raise BadInput(f"{run_dir}: no such run directory; `agile run EXPERIMENT.toml` makes one")
-    experiment = load_experiment(run_dir / "experiment.toml")
-    state = states(experiment, run_dir, ("training",))["training"]
-    if state != "done":
-        raise BadInput(f"{run_dir}: its training is not finished; `agile train {run_dir / 'experiment.toml'}` first")
-    from agile_jax.evaluation import rollout_one
-
-    with shown() as progress:
-        result = rollout_one(run_dir, experiment, options.start, video=options.video, progress=progress)
+    with _progress() as progress:
+        result = run_episode(run_dir, options.start, options.video, progress)
     for key, value in result.items():
-        print(f"{key:<28}{_number(value)}")
+        print(f"{key:<24}{_number(value)}")
     return DONE
 
 
@@ -157,7 +154,7 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
     from agile_jax import pipeline
 
     experiment, options = parse_experiment(command, RunOptions(), argv)
-    _check(options)
+    check_engine(options.engine, options.workers)
     run_dir = options.run_dir or pathlib.Path("runs") / experiment.name
     stages = stages_up_to(last)
     if options.dry_run:
@@ -167,16 +164,20 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
         for stage, state in states(experiment, run_dir, stages).items():
             print(f"  {stage:<12}{_INTENT[state]}")
         return DONE
-    with shown() as progress:
-        results = pipeline.run(
-            experiment,
-            run_dir,
-            stages,
-            engine=options.engine,
-            workers=options.workers,
-            overwrite=options.overwrite,
-            progress=progress,
-        )
+    with _progress() as progress:
+        try:
+            results = pipeline.run(
+                experiment,
+                run_dir,
+                stages,
+                engine=options.engine,
+                workers=options.workers,
+                overwrite=options.overwrite,
+                progress=progress,
+            )
+        except IncompleteDatasetError as error:
+            print(f"agile: {error}", file=sys.stderr)
+            return FAILED
     for result in results.values():
         print(_line(result))
     found = failures(results)
@@ -193,9 +194,11 @@ _INTENT = {
 }
 
 
-def _check(options: RunOptions) -> None:
-    if options.workers is not None and options.workers < 1:
-        raise BadInput(f"--workers = {options.workers}: must be at least 1")
+@contextmanager
+def _progress() -> Iterator[Progress]:
+    """Progress on standard error; signals end what is inside."""
+    with interruptible() as arrived, shown() as progress:
+        yield persistent(progress, arrived)
 
 
 def _line(result: StageResult) -> str:

@@ -14,11 +14,12 @@ from agile_jax.control import cone_qp, gait, torques
 from agile_jax.control.centroidal import BodyState
 from agile_jax.control.mpc import MpcConstants, build_qp, mpc_constants
 from agile_jax.control.settings import ControlSettings
-from agile_jax.control.swing import foothold
+from agile_jax.control.swing import foothold, forward_reach
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
 from agile_jax.robot import RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 
 KNEE_LIMIT_HEIGHT = 0.108  # trunk height at which the knee reaches its limit with the foot under the hip [m]
+SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
 
 
 class Reference(NamedTuple):
@@ -171,6 +172,17 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             gait.stance_duration(gait_settings),
             settings.raibert_gain,
         )
+        # A crouching leg cannot reach far ahead; the height to come counts, not the present one.
+        height = jnp.minimum(robot_state.base_pos[2], reference.poses[:, 2].min())
+        reach = forward_reach(
+            height, robot.thigh_length, robot.calf_length, foot_height, settings.knee_clearance
+        )
+        # The smooth swing is near its foothold early, while the hip still has to come: that much less.
+        speed = velocity @ jnp.stack([jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])])
+        reach -= SWING_LEAD * gait.swing_duration(gait_settings) * jnp.maximum(speed, 0.0)
+        offset = jnp.einsum("lji,lj->li", rotation, planar - hips)
+        offset = offset.at[:, 0].set(jnp.minimum(offset[:, 0], reach))
+        planar = hips + jnp.einsum("lij,lj->li", rotation, offset)
         return jnp.concatenate([planar, jnp.full((4, 1), foot_height)], -1)
 
     def act(state: ControllerState, robot_state: RobotState) -> tuple[ControllerState, jax.Array]:

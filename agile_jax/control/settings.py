@@ -43,6 +43,7 @@ class ControlSettings(Settings):
     control_dt: Positive = 0.002  # between torques [s]
     plan_dt: Positive = 0.02  # between solutions of the MPC [s]
     raibert_gain: NonNegative = 0.03  # foothold shift per velocity error [s]
+    knee_clearance: Positive = 0.035  # height of the knees' centres over the floor that footholds must leave [m]
     swing_stiffness: Positive = 60.0  # joint PD of the swing legs [Nm/rad]
     swing_damping: Positive = 1.5  # [Nm s/rad]
     # Integral of the height, roll and pitch errors, added to the reference: what the single rigid body leaves out

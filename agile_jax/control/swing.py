@@ -37,6 +37,24 @@ def foothold(
     return hip_ground + neutral + gain * (velocity - velocity_reference) + centripetal
 
 
+def forward_reach(
+    hip_height: jax.Array, thigh_length: float, calf_length: float, foot_radius: float, knee_clearance: float
+) -> jax.Array:
+    """How far ahead of its hip a foot can stand with the knee still off the floor [m].
+
+    The knee bends backward: the further ahead the foot of a crouching robot, the steeper and lower the thigh. With the knee
+    at height c and the foot's centre at r, the thigh spans sqrt(l1^2 - (h - c)^2) back, the calf sqrt(l2^2 - (c - r)^2) ahead.
+
+    Args:
+        hip_height: h [m].
+        thigh_length, calf_length: l1, l2 [m].
+        foot_radius: r [m].
+        knee_clearance: c [m].
+    """
+    back = jnp.sqrt(jnp.maximum(thigh_length**2 - (hip_height - knee_clearance) ** 2, 0.0))
+    return jnp.sqrt(calf_length**2 - (knee_clearance - foot_radius) ** 2) - back
+
+
 def swing_path(
     lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: float
 ) -> tuple[jax.Array, jax.Array]:

@@ -1,14 +1,14 @@
 """The dataset: verified trajectories of the expert in immutable, checked shards, split by trajectory. Loads no JAX."""
 
 from agile_jax.dataset.dataset import SPLITS, Dataset, Split, load, samples, split_mask
-from agile_jax.dataset.generate import IncompleteDataset, generate
+from agile_jax.dataset.generate import IncompleteDatasetError, generate
 from agile_jax.dataset.settings import DatasetSettings
 
 __all__ = [
     "SPLITS",
     "Dataset",
     "DatasetSettings",
-    "IncompleteDataset",
+    "IncompleteDatasetError",
     "Split",
     "generate",
     "load",

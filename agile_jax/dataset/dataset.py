@@ -7,7 +7,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from agile_jax.dataset.settings import DatasetSettings
-from agile_jax.dataset.shard import RESIDUALS, SCHEMA, BadShard, decode, settings_key
+from agile_jax.dataset.shard import RESIDUALS, SCHEMA, BadShardError, decode, settings_key
 from agile_jax.expert import ExpertSettings, Residuals, rejection
 from agile_jax.files import sha256
 from agile_jax.scene import POSE_SIZE, SceneSettings
@@ -52,7 +52,9 @@ def load(directory: pathlib.Path) -> Dataset:
         raise BadInput(f"{directory / 'manifest.json'} is missing or damaged: generate the dataset (again) first")
     try:
         if manifest["schema_version"] != SCHEMA:
-            raise BadInput(f"{directory / 'manifest.json'}: schema_version {manifest['schema_version']} is not {SCHEMA}")
+            raise BadInput(
+                f"{directory / 'manifest.json'}: schema_version {manifest['schema_version']} is not {SCHEMA}"
+            )
         scene = SceneSettings.model_validate(manifest["settings"]["scene"])
         expert = ExpertSettings.model_validate(manifest["settings"]["expert"])
         seed = int(manifest["settings"]["seed"])
@@ -67,9 +69,9 @@ def load(directory: pathlib.Path) -> Dataset:
         try:
             data = path.read_bytes()
             if sha256(data) != digest:
-                raise BadShard("its sha256 is not the manifest's")
+                raise BadShardError("its sha256 is not the manifest's")
             arrays = decode(data, expert, key, i)
-        except (OSError, BadShard) as error:
+        except (OSError, BadShardError) as error:
             raise BadInput(f"{path}: {error}; the same command repairs it") from None
         keep = accepted(arrays)
         parts.append({name: array[keep] for name, array in arrays.items() if array.ndim})
@@ -100,8 +102,8 @@ def read_manifest(directory: pathlib.Path) -> dict[str, Any] | None:
 def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.ndarray:
     """Which trajectories belong to a split, shape (n,).
 
-    A pure function of (seed, trajectory index), whatever else is in the dataset: a golden-ratio sequence with an offset from the seed, which
-    keeps the fractions in every stretch of indices.
+    A pure function of (seed, trajectory index), whatever else is in the dataset: a golden-ratio sequence with an
+    offset from the seed, which keeps the fractions in every stretch of indices.
     """
     offset = np.random.Generator(np.random.Philox(np.random.SeedSequence((dataset.seed, SPLIT_STREAM)))).random()
     position = (offset + dataset.indices * GOLDEN) % 1.0

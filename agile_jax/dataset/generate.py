@@ -1,10 +1,10 @@
 """Making a dataset: one idempotent task a shard, committed atomically; the same call resumes and repairs.
 
-    shard-00000.npz ...   the labels (shard.py)
-    timing.json           how long they took; not part of the dataset's hash
-    manifest.json         settings, units, sha256 of every shard; written when all are there
-    summary.json          the account
-    quarantine/           files that were not what they should be
+shard-00000.npz ...   the labels (shard.py)
+timing.json           how long they took; not part of the dataset's hash
+manifest.json         settings, units, sha256 of every shard; written when all are there
+summary.json          the account
+quarantine/           files that were not what they should be
 """
 
 import json
@@ -14,19 +14,20 @@ import pathlib
 import platform
 from collections.abc import Callable
 from contextlib import AbstractContextManager
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from agile_jax.dataset.dataset import read_manifest
 from agile_jax.dataset.settings import DatasetSettings
-from agile_jax.dataset.shard import SCHEMA, BadShard, ShardTask, decode, make_shard, settings_key, shard_count
+from agile_jax.dataset.shard import SCHEMA, BadShardError, ShardTask, decode, make_shard, settings_key, shard_count
 from agile_jax.dataset.summary import summarise
 from agile_jax.engine import Engine, TaskFailure
-from agile_jax.expert import ExpertSettings
+from agile_jax.expert import ExpertSettings, check_target
 from agile_jax.files import hash_json, sha256, sync_folder, write_atomic, write_json
 from agile_jax.progress import Progress, silent
-from agile_jax.scene import SceneSettings
+from agile_jax.scene import SceneSettings, make_scene
 
 UNITS = {
     "index": "of the trajectory in the order of drawing",
@@ -45,7 +46,7 @@ OWN_FILES = {"manifest.json", "summary.json", "timing.json", "quarantine", "stag
 logger = logging.getLogger(__name__)
 
 
-class IncompleteDataset(RuntimeError):
+class IncompleteDatasetError(RuntimeError):
     """Some shards could not be made; the others are kept. The text names them."""
 
 
@@ -64,9 +65,11 @@ def generate(
     `functools.partial(open_engine, "local", 2)`) is opened only when a shard is missing.
 
     Raises:
-        IncompleteDataset: tasks failed.
+        BadInput: the target keeps less than the expert's margin.
+        IncompleteDatasetError: tasks failed.
         OSError: the disk is full or cannot be written; what is there stays valid.
     """
+    check_target(make_scene(scene_settings), expert_settings)
     directory = pathlib.Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     key = settings_key(scene_settings, expert_settings, seed)
@@ -98,7 +101,7 @@ def generate(
                 done += len(arrays["index"])
                 progress(done, expert_settings.trajectories, "dataset: trajectories")
     if failures:
-        raise IncompleteDataset(
+        raise IncompleteDatasetError(
             f"{len(failures)} of {count} shards could not be made ({'; '.join(sorted(failures))}); "
             f"the others are kept in {directory}, and the same command tries again"
         )
@@ -137,9 +140,9 @@ def _valid_shards(
                 arrays = decode(data, settings, key, i)
                 # A dataset that grows may fill up its last shard: then the manifest is of the shorter one.
                 if listed.get(path.name, digest) != digest:
-                    raise BadShard("its sha256 is not the manifest's")
+                    raise BadShardError("its sha256 is not the manifest's")
                 valid[i] = (arrays, digest)
-            except (OSError, BadShard) as error:
+            except (OSError, BadShardError) as error:
                 _quarantine(path, str(error))
         elif path.match("shard-*.npz"):
             _quarantine(path, "it does not belong to this dataset")
@@ -186,14 +189,12 @@ def _manifest(
         }
         for i, (arrays, digest) in enumerate(shards)
     ]
-    import casadi
-
     return {
         "schema_version": SCHEMA,
         "key": key,
         "settings": {"scene": scene.model_dump(mode="json"), "expert": expert.model_dump(mode="json"), "seed": seed},
         "units": UNITS,
-        "versions": {"casadi": casadi.__version__, "numpy": np.__version__, "python": platform.python_version()},
+        "versions": {"casadi": version("casadi"), "numpy": np.__version__, "python": platform.python_version()},
         "shards": entries,
         "dataset_hash": hash_json({"key": key, "shards": [entry["sha256"] for entry in entries]}),
     }

@@ -8,9 +8,14 @@ from agile_jax.settings import Fraction, NonNegative, Settings
 
 
 class DatasetSettings(Settings):
-    """The split is by trajectory: neighbours on one trajectory are nearly equal and must not sit on both sides of it."""
+    """The split is by trajectory: neighbours on one trajectory are nearly equal and must not sit on both sides of
+    it."""
 
-    split: Annotated[tuple[Fraction, Fraction, Fraction], Field(strict=False)] = (0.8, 0.1, 0.1)  # train, validation, test
+    split: Annotated[tuple[Fraction, Fraction, Fraction], Field(strict=False)] = (
+        0.8,
+        0.1,
+        0.1,
+    )  # train, validation, test
     samples: Literal["all", "without_start"] = "all"
     start_seconds: NonNegative = 0.6  # left out by "without_start": speeding up from rest is not a function of the pose
 

@@ -1,4 +1,5 @@
-"""A shard: the labels of some consecutive trajectories, as one npz file whose bytes are a pure function of settings, seed and index.
+"""A shard: the labels of some consecutive trajectories, as one npz file whose bytes are a pure function of settings,
+seed and index.
 
 Solve times are therefore not inside. Failed labels are kept with their cause; their arrays are zero.
 """
@@ -22,7 +23,7 @@ RESIDUALS = ("dynamics_residual", "end_residual", "bound_violation", "clearance_
 NUMBERS = ("duration", "lower_bound", "gap", "objective", *RESIDUALS)
 
 
-class BadShard(ValueError):
+class BadShardError(ValueError):
     """The file is not the shard that it should be. The text says why."""
 
 
@@ -32,7 +33,7 @@ class ShardTask(NamedTuple):
     scene: SceneSettings
     expert: ExpertSettings
     seed: int
-    index: int  # of the shard
+    shard: int
 
 
 class ShardResult(NamedTuple):
@@ -72,14 +73,14 @@ def make_shard(task: ShardTask) -> ShardResult:
     scene, expert = _expert(task.scene, task.expert)
     solutions: list[ExpertSolution] = []
     starts, accounts = [], []
-    for i in trajectory_range(task.expert, task.index):
+    for i in trajectory_range(task.expert, task.shard):
         drawn = draw_start(scene, task.scene, task.expert, task.seed, i)
         starts.append(drawn.poses[0])
         accounts.append((drawn.attempted, drawn.rejected_collision, drawn.rejected_bounds))
         solutions.append(expert.solve(drawn.poses[0]))
     arrays = {
         "key": np.array(settings_key(task.scene, task.expert, task.seed)),
-        "index": np.array(trajectory_range(task.expert, task.index), dtype=np.int64),
+        "index": np.array(trajectory_range(task.expert, task.shard), dtype=np.int64),
         "start": np.array(starts),
         "draws": np.array(accounts, dtype=np.int64),
         "times": np.stack([s.trajectory.times for s in solutions]),
@@ -97,7 +98,7 @@ def make_shard(task: ShardTask) -> ShardResult:
 def encode(arrays: dict[str, np.ndarray]) -> bytes:
     """An npz file; numpy stamps its members with a constant date, so equal arrays give equal bytes."""
     buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)  # type: ignore[arg-type]
+    np.savez(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
 
 
@@ -105,13 +106,13 @@ def decode(data: bytes, settings: ExpertSettings, key: str, index: int) -> dict[
     """The arrays in a shard's bytes, never unpickled.
 
     Raises:
-        BadShard: damaged, or not shard `index` of the dataset with this key.
+        BadShardError: damaged, or not shard `index` of the dataset with this key.
     """
     try:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, SyntaxError) as error:
-        raise BadShard(f"unreadable ({type(error).__name__}: {error})") from None
+        raise BadShardError(f"unreadable ({type(error).__name__}: {error})") from None
     indices = trajectory_range(settings, index)
     n, t = len(indices), settings.nodes
     shapes: dict[str, tuple[tuple[int, ...], str]] = {
@@ -129,14 +130,16 @@ def decode(data: bytes, settings: ExpertSettings, key: str, index: int) -> dict[
     }
     for name, (shape, kind) in shapes.items():
         if name not in arrays:
-            raise BadShard(f"array {name} is missing")
+            raise BadShardError(f"array {name} is missing")
         array = arrays[name]
         if array.shape != shape or array.dtype.kind != kind:
-            raise BadShard(f"array {name} has shape {array.shape} and type {array.dtype}, not {shape} and kind {kind}")
+            raise BadShardError(
+                f"array {name} has shape {array.shape} and type {array.dtype}, not {shape} and kind {kind}"
+            )
         if kind == "f" and name != "min_clearance" and not np.isfinite(array).all():
-            raise BadShard(f"array {name} holds values that are not finite")
+            raise BadShardError(f"array {name} holds values that are not finite")
     if str(arrays["key"]) != key:
-        raise BadShard("made with other settings or another seed")
+        raise BadShardError("made with other settings or another seed")
     if not np.array_equal(arrays["index"], indices):
-        raise BadShard("holds other trajectories")
+        raise BadShardError("holds other trajectories")
     return arrays

@@ -1,8 +1,9 @@
 """Where labels start. Start i is a pure function of (seed, i), so shards need to know nothing of each other.
 
-"paper" is the scene's start distribution. "wide" also covers where the closed loop gets to: a mixture of the paper's starts at any height, of
-poses around the target, and of poses uniform over each convex part of the free space (in front of, behind, left and right of, under or
-over each obstacle), so that the tunnel under a table is as well covered as the open floor. All with a spread in yaw.
+"paper" is the scene's start distribution. "wide" also covers where the closed loop gets to: a mixture of the paper's
+starts at any height, of poses around the target, and of poses uniform over each convex part of the free space (in
+front of, behind, left and right of, under or over each obstacle), so that the tunnel under a table is as well covered
+as the open floor. All with a spread in yaw.
 """
 
 import numpy as np
@@ -50,8 +51,8 @@ def wide_boxes(
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The boxes (lower, upper), each of shape (3,), over which wide starts are uniform [m].
 
-    They lie within the box around the paper's starts (two standard deviations), all obstacles and the target, padded. Those under and over
-    an obstacle are limited to its own footprint.
+    They lie within the box around the paper's starts (two standard deviations), all obstacles and the target, padded,
+    and near the obstacle: those under and over it are its own footprint.
     """
     start = scene_settings.start
     mean, std = np.array(start.mean[:2]), np.array(start.std[:2])
@@ -75,7 +76,10 @@ def wide_boxes(
         for _, axis, sign in FACES:
             low, high = lower.copy(), upper.copy()
             if axis == 2:
-                low[:2], high[:2] = np.maximum(low[:2], center[:2] - body[:2]), np.minimum(high[:2], (center + body)[:2])
+                low[:2], high[:2] = (
+                    np.maximum(low[:2], center[:2] - body[:2]),
+                    np.minimum(high[:2], (center + body)[:2]),
+                )
             if sign > 0:
                 low[axis] = max(low[axis], center[axis] + body[axis])
             else:

@@ -56,7 +56,7 @@ def summarise(
         "workers": int(timing["workers"]),
         "duration_s_median": over("duration", np.median),
         "max_clearance_violation_m": over("clearance_violation", np.max),
-        "min_clearance_m": over("min_clearance", lambda x: np.min(x) if np.isfinite(x).all() else 0.0),
+        "min_clearance_m": over("min_clearance", np.min) if np.isfinite(whole["min_clearance"]).all() else None,
         "max_dynamics_residual": over("dynamics_residual", np.max),
         "max_end_residual": over("end_residual", np.max),
         "max_bound_violation": over("bound_violation", np.max),

@@ -5,10 +5,12 @@ Per axis, distance d, ending at rest:
     from rest                  T = d/V + V/A      if d >= V^2/A      else 2 sqrt(d/A)
     from the best velocity     T = d/V + V/(2A)   if d >= V^2/(2A)   else sqrt(2 d/A)      (coast, then brake)
 
-The axes are independent without obstacles, so the least time is the maximum over the axes, and with obstacles it remains a lower
-bound. A route that forces an axis to turn (out sideways and back) splits that axis' motion into legs with rest in between.
+The axes are independent without obstacles, so the least time is the maximum over the axes, and with obstacles it
+remains a lower bound. A route that forces an axis to turn (out sideways and back) splits that axis' motion into legs
+with rest in between.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import Any
@@ -43,11 +45,11 @@ def lower_bound(start: np.ndarray, target: np.ndarray, settings: ExpertSettings,
     return float(times.max())
 
 
-def turning_legs(points: Sequence[float]) -> list[float]:
-    """Lengths of the monotone runs of a sequence of positions on one axis."""
+def turning_legs(points: Any) -> list[float]:
+    """Lengths of the monotone runs of the positions, shape (n,), on one axis."""
     legs: list[float] = []
     direction = 0.0
-    for a, b in zip(points, points[1:], strict=False):
+    for a, b in itertools.pairwise(points):
         step = b - a
         if step == 0:
             continue
@@ -59,8 +61,9 @@ def turning_legs(points: Sequence[float]) -> list[float]:
     return legs
 
 
-def axis_time(points: Sequence[float], axis: int, settings: ExpertSettings, first: str, last: str) -> float:
-    """Least time on one axis through positions in order, at rest or with free velocity at the `first` and the `last` [s].
+def axis_time(points: Any, axis: int, settings: ExpertSettings, first: str, last: str) -> float:
+    """Least time on one axis through positions in order, at rest or with free velocity at the `first` and the `last`
+    [s].
 
     Where the axis turns it is at rest, so each leg needs its least time.
     """
@@ -74,14 +77,16 @@ def axis_time(points: Sequence[float], axis: int, settings: ExpertSettings, firs
 
 
 def _leg_time(distance: float, velocity: float, acceleration: float, ramps: float) -> float:
-    """`minimum_time` for numbers; `ramps` is 1 from rest to rest and 1/2 when one end is free (time may be reversed)."""
+    """`minimum_time` for numbers; `ramps` is 1 from rest to rest and 1/2 when one end is free (time may be
+    reversed)."""
     if distance >= ramps * velocity**2 / acceleration:
         return distance / velocity + ramps * velocity / acceleration
     return math.sqrt(4.0 * ramps * distance / acceleration)
 
 
 def laziest_points(start: np.ndarray, boxes: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Per axis the positions of the path that moves only when the next box (lower, upper) demands it. Shape (n + 1, 4)."""
+    """Per axis the positions of the path that moves only when the next box (lower, upper) demands it. Shape (n + 1,
+    4)."""
     points = [start]
     for low, high in boxes:
         points.append(np.clip(points[-1], low, high))
@@ -97,9 +102,9 @@ def route_bounds(
 ) -> tuple[float, float]:
     """Lower bounds on the duration [s] and on the objective T + w E of every path that visits boxes in order.
 
-    All axes are in box p at the same time, so the slowest axis up to it and the slowest axis after it add up. The effort of a leg is at
-    least that of the unconstrained minimum, 12 d^2 / t^3 (3 d^2 / t^3 with free initial velocity); over the split of T into legs the
-    least sum of c_j / t_j^3 is (sum c_j^(1/4))^4 / T^3.
+    All axes are in box p at the same time, so the slowest axis up to it and the slowest axis after it add up. The
+    effort of a leg is at least that of the unconstrained minimum, 12 d^2 / t^3 (3 d^2 / t^3 with free initial
+    velocity); over the split of T into legs the least sum of c_j / t_j^3 is (sum c_j^(1/4))^4 / T^3.
 
     Args:
         start, target: poses, shape (4,).

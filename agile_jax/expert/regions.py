@@ -1,9 +1,10 @@
 """Free space as a union of axis-aligned boxes of poses.
 
-The torso's footprint over every yaw between start and target is covered by one axis-aligned rectangle, each obstacle by its own bounding
-rectangle; both are exact for yaw 0 and conservative otherwise. An obstacle enlarged by the torso and the margin is then a box that a
-point must avoid, and outside it the point lies beyond one of its six faces. One choice per obstacle, within the bounds of the pose, is a
-`Region`. A trajectory whose nodes k and k+1 lie in the same region cannot cut a corner between them.
+The torso's footprint over every yaw between start and target is covered by one axis-aligned rectangle, each obstacle
+by its own bounding rectangle; both are exact for yaw 0 and conservative otherwise. An obstacle enlarged by the torso
+and the margin is then a box that a point must avoid, and outside it the point lies beyond one of its six faces. One
+choice per obstacle, within the bounds of the pose, is a `Region`. A trajectory whose nodes k and k+1 lie in the same
+region cannot cut a corner between them.
 """
 
 from itertools import product
@@ -15,7 +16,8 @@ from agile_jax.expert.settings import ExpertSettings
 from agile_jax.scene import POSE_SIZE, Scene, obstacle_clearances
 from agile_jax.settings import BadInput
 
-# The path between two nodes is a parabola that leaves the box of its end points by at most a h^2 / 8: 0.4 mm for 1.5 m/s^2 and 46 ms.
+# The path between two nodes is a parabola that leaves the box of its end points by at most a h^2 / 8: 0.4 mm for 1.5
+# m/s^2 and 46 ms.
 TIGHTENING = 5e-4  # [m]
 YAW_SLACK = 1e-3  # [rad] an interval of yaw that is a point would leave the solver no interior
 FACES = (("left", 1, +1), ("right", 1, -1), ("front", 0, -1), ("back", 0, +1), ("under", 2, -1), ("over", 2, +1))
@@ -55,22 +57,31 @@ def planning_margin(settings: ExpertSettings) -> float:
 def check_start(scene: Scene, settings: ExpertSettings, start: np.ndarray) -> None:
     """Refuse a start pose, shape (4,), from which no plan can begin.
 
-    Raises:
-        BadInput: outside the bounds, inside an obstacle, or within the margin of one. The message names value and allowed range.
+    Raises: BadInput: outside the bounds, inside an obstacle, or within the margin of one. The message names value and
+        allowed range.
     """
     start = np.asarray(start, float)
     if start.shape != (POSE_SIZE,) or not np.isfinite(start).all():
         raise BadInput(f"start = {start.tolist()} must be {POSE_SIZE} finite numbers: x y z yaw [m, m, m, rad]")
     for name, unit, value, low, high in zip(
-        "x y z yaw".split(), "m m m rad".split(), start, scene.lower, scene.upper, strict=True
+        ["x", "y", "z", "yaw"], ["m", "m", "m", "rad"], start, scene.lower, scene.upper, strict=True
     ):
         if not low <= value <= high:
             raise BadInput(f"start {name} = {value:g} {unit} is outside its bounds [{low:g}, {high:g}] {unit}")
-    for i, distance in enumerate(obstacle_clearances(scene, start)):
+    _check_clearance(scene, settings, start, "start")
+
+
+def check_target(scene: Scene, settings: ExpertSettings) -> None:
+    """Refuse a target that keeps less than the margin (BadInput): no plan could end there."""
+    _check_clearance(scene, settings, scene.target, "target")
+
+
+def _check_clearance(scene: Scene, settings: ExpertSettings, pose: np.ndarray, name: str) -> None:
+    for i, distance in enumerate(obstacle_clearances(scene, pose)):
         if distance < planning_margin(settings):
             where = "inside" if distance < 0 else f"{distance:.4f} m from"
             raise BadInput(
-                f"start = {start.tolist()} puts the torso {where} obstacle {i} (clearance {distance:.4f} m); "
+                f"{name} = {pose.tolist()} puts the torso {where} obstacle {i} (clearance {distance:.4f} m); "
                 f"at least {planning_margin(settings):g} m is needed"
             )
 
@@ -131,8 +142,8 @@ def _cell(
 ) -> Side | None:
     """The box of poses that are on no axis nearer to the obstacle than `pose`.
 
-    Diagonally off an edge a pose can keep the margin although it is within it on every axis, hence beyond no enlarged face. None for
-    all other poses.
+    Diagonally off an edge a pose can keep the margin although it is within it on every axis, hence beyond no enlarged
+    face. None for all other poses.
     """
     gaps = np.abs(pose[:3] - center) - body
     outside = gaps > 0

@@ -1,19 +1,21 @@
 """Routes: sequences of regions from the start to the target, found in the order of their lower bound.
 
-Consecutive regions differ in the side of one obstacle and intersect; a route ends in the first region that holds the target and never comes
-back to one that holds the start (the rest of it would be a shorter route of its own). The boundary between two regions is pinned to
-a face: where the path last leaves the old region, or first enters the new one. Either exists on every path along the route, so the
-pin costs nothing, and it takes away the freedom to switch anywhere in the overlap, which would make the labels ambiguous.
+Consecutive regions differ in the side of one obstacle and intersect; a route ends in the first region that holds the
+target and never comes back to one that holds the start (the rest of it would be a shorter route of its own). The
+boundary between two regions is pinned to a face: where the path last leaves the old region, or first enters the new
+one. Either exists on every path along the route, so the pin costs nothing, and it takes away the freedom to switch
+anywhere in the overlap, which would make the labels ambiguous.
 """
 
 import heapq
+import itertools
 from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from agile_jax.expert.minimum_time import route_bounds
-from agile_jax.expert.regions import FreeSpace, Region
+from agile_jax.expert.regions import FreeSpace, Region, Side
 from agile_jax.expert.settings import ExpertSettings
 
 BRANCH_ORDER = (
@@ -32,6 +34,7 @@ class Route(NamedTuple):
 
     regions: tuple[Region, ...]
     pins: tuple[tuple[int, float], ...]  # (axis, value) of the boundary between phases p and p + 1, P - 1 of them
+    detours: int  # pins that are not on the axis of the main horizontal motion
     duration_bound: float  # [s]
     objective_bound: float
 
@@ -44,8 +47,9 @@ def branch_rank(branch: str) -> tuple[int, str]:
 def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
     """How a path along a route passes the obstacles, in the words of someone looking along +x.
 
-    Per obstacle: "under" or "over" when the torso is ever below or above it, else "left" or "right" when the route changes its side of the
-    obstacle by way of that side. Joined by "+" for several obstacles; "direct" when nothing of it applies.
+    Per obstacle: "under" or "over" when the torso is ever below or above it, else "left" or "right" when the route
+        changes its side of the obstacle by way of that side. Joined by "+" for several obstacles; "direct" when
+        nothing of it applies.
 
     Args:
         poses: of the nodes, shape (T+1, 4).
@@ -71,7 +75,8 @@ def find_routes(
 ) -> Iterator[Route]:
     """Yield every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
 
-    A* search over simple paths in the graph of regions: the lower bound never falls when a route gets longer.
+    A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
+    lower bound never falls when a route gets longer.
     """
     regions = space.regions
     holds_start = [_holds(region, start) for region in regions]
@@ -96,12 +101,13 @@ def find_routes(
             yield _make_route(space, [regions[i] for i in path], start, target, settings, initial_velocity)
             continue
         for j in neighbours[path[-1]]:
-            if j not in path and not holds_start[j]:
+            if not holds_start[j] and not _returns([regions[i] for i in path], regions[j]):
                 push((*path, j))
 
 
 def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """Start, one point on each boundary, target, shape (P + 1, 4): the initial guess, a string pulled tight by fixed sweeps."""
+    """Start, one point on each boundary, target, shape (P + 1, 4): the initial guess, a string pulled tight by fixed
+    sweeps."""
     boxes = _boundaries(route.regions)
     for (low, high), (axis, value) in zip(boxes, route.pins, strict=True):
         low[axis] = high[axis] = value
@@ -127,12 +133,12 @@ def _make_route(
     # Across the larger horizontal distance the motion is surely monotone; heights come last.
     priority = [*np.argsort(-np.abs(target - start)[:2], kind="stable").tolist(), 2]
     pins = []
-    for before, after in zip(regions, regions[1:], strict=False):
+    for before, after in itertools.pairwise(regions):
         obstacle = next(i for i in range(len(before.sides)) if before.sides[i] != after.sides[i])
-        faces = [space.sides[obstacle][region.sides[obstacle]] for region in (before, after)]
-        face = min((face for face in faces if face.axis >= 0), key=lambda face: priority.index(face.axis))
+        face = min(_pinnable(space, obstacle, before, after), key=lambda face: priority.index(face.axis))
         pins.append((face.axis, face.value))
-    return Route(tuple(regions), tuple(pins), duration, objective)
+    detours = sum(axis != priority[0] for axis, _ in pins)
+    return Route(tuple(regions), tuple(pins), detours, duration, objective)
 
 
 def _holds(region: Region, pose: np.ndarray) -> bool:
@@ -140,17 +146,29 @@ def _holds(region: Region, pose: np.ndarray) -> bool:
 
 
 def _adjacent(space: FreeSpace, a: Region, b: Region) -> bool:
-    """Whether two regions intersect and differ in the side of one obstacle, of which one has a face to pin the boundary to."""
+    """Whether two regions differ in the side of one obstacle, and intersect where a face parts them."""
     different = [k for k, (i, j) in enumerate(zip(a.sides, b.sides, strict=True)) if i != j]
-    if len(different) != 1:
-        return False
-    obstacle = different[0]
-    if all(space.sides[obstacle][region.sides[obstacle]].axis < 0 for region in (a, b)):
-        return False
-    return bool((np.maximum(a.lower, b.lower) <= np.minimum(a.upper, b.upper)).all())
+    return len(different) == 1 and bool(_pinnable(space, different[0], a, b))
+
+
+def _pinnable(space: FreeSpace, obstacle: int, a: Region, b: Region) -> list[Side]:
+    """The faces, out of the two sides of the obstacle, that pass through the intersection of two regions."""
+    low, high = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
+    if (low > high).any():
+        return []
+    sides = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
+    return [side for side in sides if side.axis >= 0 and low[side.axis] <= side.value <= high[side.axis]]
+
+
+def _returns(path: Sequence[Region], region: Region) -> bool:
+    """Whether a region is on a side of an obstacle that the path has been on and left."""
+    for obstacle, side in enumerate(region.sides):
+        if path[-1].sides[obstacle] != side and any(before.sides[obstacle] == side for before in path):
+            return True
+    return False
 
 
 def _boundaries(regions: Sequence[Region]) -> list[tuple[np.ndarray, np.ndarray]]:
     """The boxes (lower, upper) shared by consecutive regions."""
-    pairs = zip(regions, regions[1:], strict=False)
+    pairs = itertools.pairwise(regions)
     return [(np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)) for a, b in pairs]

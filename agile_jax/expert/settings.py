@@ -10,8 +10,8 @@ from agile_jax.settings import Count, Fraction, NonNegative, Positive, PositiveP
 class ExpertSettings(Settings):
     """The optimal control problem of the paper (equation 2), its transcription, and the starts of its labels.
 
-    The paper gives no bounds, no margin and no effort weight. The defaults are what a trotting A1 can track. Rates and accelerations are of
-    [x, y, z, yaw].
+    The paper gives no bounds, no margin and no effort weight. The defaults are what a trotting A1 can track. Rates
+    and accelerations are of [x, y, z, yaw].
     """
 
     trajectories: Count = 400

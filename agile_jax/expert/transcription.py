@@ -4,10 +4,11 @@
     subject to  s'' = u,  s(0) = start,  s'(0) = 0 or free,  s(T) = target,  s'(T) = 0,
                 |s'_i| <= v_i,  |u_i| <= a_i,  s(t) in region p during phase p,  pinned boundaries.
 
-Direct collocation with piecewise-constant u, for which the double integrator's transcription is exact: over an interval of length h,
-s+ = s + h s' + h^2 u / 2 and s'+ = s' + h u. The rate is piecewise linear, so bounds at the nodes hold everywhere. Each of the P phases
-has its own duration tau, carried as a state so that the problem keeps its stage structure (FATROP needs it, variables
-x_0, u_0, x_1, ..., x_N); regions are simple bounds. The structure depends on P alone, so one program serves all routes of P phases.
+Direct collocation with piecewise-constant u, for which the double integrator's transcription is exact: over an
+interval of length h, s+ = s + h s' + h^2 u / 2 and s'+ = s' + h u. The rate is piecewise linear, so bounds at the
+nodes hold everywhere. Each of the P phases has its own duration tau, carried as a state so that the problem keeps its
+stage structure (FATROP needs it, variables x_0, u_0, x_1, ..., x_N); regions are simple bounds. The structure depends
+on P alone, so one program serves all routes of P phases.
 """
 
 from typing import Any, NamedTuple
@@ -27,13 +28,13 @@ PIN_ROOM = 0.01  # [m] around a pinned value, so that its equality does not sit 
 STATE = 2 * POSE_SIZE + 1  # s, s', tau
 
 # Iterations are limited, not seconds: a label must not depend on the machine's load.
-FATROP = {"print_level": 0, "tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-2, "max_iter": 200}
+FATROP = {"print_level": 0, "tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-2, "max_iter": 100}
 IPOPT = {
     "print_level": 0,
     "sb": "yes",
     "tol": 1e-9,
     "constr_viol_tol": 1e-10,
-    "max_iter": 500,
+    "max_iter": 150,
     "linear_solver": "mumps",
     "option_file_name": "",  # else a file ipopt.opt in the working folder would silently change labels
 }

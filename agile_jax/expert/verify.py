@@ -1,7 +1,7 @@
 """The independent check of a trajectory: NumPy only, sharing nothing with the solver but the problem.
 
-The controls are integrated from the stated initial condition in closed form; clearance is the exact one of the scene (the torso's box with
-its yaw), at many points inside every interval.
+The controls are integrated from the stated initial condition in closed form; clearance is the exact one of the scene
+(the torso's box with its yaw), at many points inside every interval.
 """
 
 import numpy as np

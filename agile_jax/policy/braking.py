@@ -1,14 +1,14 @@
 """The closed-form field that drives straight to the target and brakes in time.
 
-Per axis i with error e_i, speed bound V_i and acceleration bound A_i, the fastest speed from which the axis can still stop at its target is
-sqrt(2 A_i |e_i|). Its slope is infinite at the target, where a sampled controller would chatter, so the last A_i / k^2 are linear with rate k,
-joined with equal value and slope:
+Per axis i with error e_i, speed bound V_i and acceleration bound A_i, the fastest speed from which the axis can
+still stop at its target is sqrt(2 A_i |e_i|). Its slope is infinite at the target, where a sampled controller would
+chatter, so the last A_i / k^2 are linear with rate k, joined with equal value and slope:
 
     b_i(e) = min(V_i, k |e|)                           |e| <= A_i / k^2
              min(V_i, sqrt(2 A_i (|e| - A_i / (2 k^2))))   beyond
 
-Deceleration never exceeds A_i: k^2 |e| <= A_i in the linear part. The field -e min_i b_i(e_i) / |e_i| keeps the direction of the target,
-and every axis within its own bounds. It is continuous, and -k e around the target.
+Deceleration never exceeds A_i: k^2 |e| <= A_i in the linear part. The field -e min_i b_i(e_i) / |e_i| keeps the
+direction of the target, and every axis within its own bounds. It is continuous, and -k e around the target.
 """
 
 from typing import NamedTuple

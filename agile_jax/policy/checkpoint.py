@@ -1,8 +1,9 @@
 """Checkpoints of the training: the only module that knows Orbax.
 
-Orbax commits a step atomically but does not checksum the arrays: a flipped bit is restored in silence. So each step also holds `integrity.json`, written
-last, with the sha256 of every other file and the identity of the run that made it. A step whose files disagree with it, or that has none because
-the process was killed before, is set aside (renamed `<step>.damaged`), which is said in one line, and the step before is used.
+Orbax commits a step atomically but does not checksum the arrays: a flipped bit is restored in silence. So each step
+also holds `integrity.json`, written last, with the sha256 of every other file and the identity of the run that made
+it. A step whose files disagree with it, or that has none because the process was killed before, is set aside
+(renamed `<step>.damaged`), which is said in one line, and the step before is used.
 """
 
 import json
@@ -67,7 +68,8 @@ def restore_checkpoint(
 
     Args:
         folder: of `save_checkpoint`.
-        parameters, optimizer: arrays or jax.ShapeDtypeStruct of the expected structure; without `optimizer` it is not read.
+        parameters, optimizer: arrays or jax.ShapeDtypeStruct of the expected structure; without `optimizer` it is
+            not read.
         identity: of this run; not compared when None.
         tell: is given one line for each step that was set aside.
 

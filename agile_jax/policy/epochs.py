@@ -1,8 +1,9 @@
 """The compiled parts of the training: one epoch, and the mean squared error over a whole split.
 
-All samples stay on the device. The order of epoch e is jax.random.permutation(fold_in(key, e)) and a batch is a slice of it: the order is a pure function
-of (seed, step), so there is no iterator to save. An epoch has ceil(n / batch) steps; the last batch is filled up from the beginning of the
-same permutation, so that every sample is seen and all batches have one shape.
+All samples stay on the device. The order of epoch e is jax.random.permutation(fold_in(key, e)) and a batch is a
+slice of it: the order is a pure function of (seed, step), so there is no iterator to save. An epoch has ceil(n /
+batch) steps; the last batch is filled up from the beginning of the same permutation, so that every sample is seen
+and all batches have one shape.
 """
 
 import time
@@ -124,4 +125,4 @@ def compile_training(
         compiled = jax.jit(epoch, donate_argnums=0).lower(state, training, jax.random.key(0), jnp.int32(0)).compile()
     with jax.default_matmul_precision("float32"):
         errors = [jax.jit(error).lower(state.parameters, samples).compile() for samples in (training, validation)]
-    return CompiledTraining(compiled, *errors, compile_seconds=time.perf_counter() - start)
+    return CompiledTraining(compiled, errors[0], errors[1], time.perf_counter() - start)

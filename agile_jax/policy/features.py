@@ -1,7 +1,8 @@
 """Inputs of the residual field: where the target is, and where the walls are.
 
-The position relative to the target alone leaves the network to find out where a table begins, from samples of which few are near its edges. The
-signed distances of the torso to the planes of every face say it directly, and tanh(distance / length) makes them matter only nearby.
+The position relative to the target alone leaves the network to find out where a table begins, from samples of which
+few are near its edges. The signed distances of the torso to the planes of every face say it directly, and
+tanh(distance / length) makes them matter only nearby.
 """
 
 import jax
@@ -23,8 +24,8 @@ def pose_error(pose: jax.Array, target: jax.Array) -> jax.Array:
 def face_distances(scene: Scene, pose: jax.Array) -> jax.Array:
     """Signed distances of the torso's box to the planes of the six faces of each obstacle [m].
 
-    Positive: the whole torso is on the outer side. An obstacle is touched exactly where, without a turn between torso and obstacle, all its
-    six are negative.
+    Positive: the whole torso is on the outer side. An obstacle is touched exactly where, without a turn between
+    torso and obstacle, all its six are negative.
 
     Args:
         scene: n obstacles.

@@ -1,18 +1,22 @@
 """The policy: a velocity field whose behaviour near the target is designed, not learned.
 
-    v(s) = base(s) + gain(s) * scale * net(features(s))
+    v(s) = base(s) + gain(s) * scale * bound(net(features(s)))
 
-plain:    base = 0, gain = 1, scale = 1, features = s. The paper's field: what it does away from its samples is anybody's guess.
+plain: base = 0, gain = 1, scale = 1, bound(y) = y, features = s. The paper's field: what it does away from its
+samples is anybody's guess.
 
-residual: base is the straight-line braking law towards the target (braking.py), scale = V the velocity bounds, and
+residual: base is the straight-line braking law towards the target (braking.py), scale = V the velocity bounds,
+bound(y) = 2 tanh(y / 2) (base and label differ by 2 V at most), and
 
     gain = fraction * (1 - exp(-(tau / blend_time)^2))
 
-with tau the time to go of the slowest axis and fraction how close the braking law is to full motion. The gain vanishes with the error to the power
-of two, the law only to the power of one: around the target the field is -k e whatever the network says, so that there is one equilibrium there, at
-the target, and it is stable. Far away the network has the authority to turn the field round and along obstacles.
+with tau the time to go of the slowest axis and fraction how close the braking law is to full motion. The gain
+vanishes with the error to the power of two, the law only to the power of one: around the target the field is -k e
+whatever the network says, so that there is one equilibrium there, at the target, and it is stable. Far away the
+network has the authority to turn the field round and along obstacles.
 
-Both are then limited to the velocity bounds (direction kept) and, with `field_filter`, to speeds that can be braked before an obstacle.
+Both are then limited to the velocity bounds (direction kept) and, with `field_filter`, to speeds that can be braked
+before an obstacle.
 """
 
 from collections.abc import Callable
@@ -77,7 +81,8 @@ def make_policy(
     inputs = jax.eval_shape(encode, jax.ShapeDtypeStruct((POSE_SIZE,), jnp.float32)).features.shape[-1]
 
     def init(key: jax.Array, initialisation: str = "lecun_normal") -> PolicyParameters:
-        network = MLP(layers, settings.activation, initialisation).init(key, jnp.zeros(inputs))
+        module = MLP(layers, settings.activation, initialisation)
+        network = jax.jit(module.init)(key, jnp.zeros(inputs))
         normalization = Normalization(jnp.zeros(inputs), jnp.ones(inputs), jnp.asarray(scale, jnp.float32))
         return PolicyParameters(network, normalization)
 
@@ -92,6 +97,8 @@ def make_policy(
     def field(parameters: PolicyParameters, encoding: Encoding) -> jax.Array:
         mean, std, unit = parameters.normalization
         output = network.apply(parameters.network, (encoding.features - mean) / std)
+        if residual:
+            output = 2.0 * jnp.tanh(output / 2.0)
         return encoding.base + encoding.gain * unit * output
 
     def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:

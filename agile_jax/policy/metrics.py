@@ -1,7 +1,8 @@
 """The learning curve: metrics.jsonl, and TensorBoard event files beside it.
 
-A line of metrics.jsonl holds nothing that depends on the clock, so that a resumed training writes the same bytes. The rows up to a checkpoint
-travel inside it; on resumption the file is written anew from there, which also mends a torn last line.
+A line of metrics.jsonl holds nothing that depends on the clock, so that a resumed training writes the same bytes.
+The rows up to a checkpoint travel inside it; on resumption the file is written anew from there, which also mends a
+torn last line.
 """
 
 import json
@@ -26,7 +27,7 @@ class MetricsLog:
         write_atomic(self._path, "".join(_line(row) for row in rows).encode())
         # Events of epochs that are done again are dropped by TensorBoard from purge_step on.
         self._writer = SummaryWriter(str(directory / "tensorboard"), purge_step=len(rows) + 1)
-        self._file = open(self._path, "a", encoding="utf-8")
+        self._file = self._path.open("a", encoding="utf-8")
 
     def append(self, row: Row) -> None:
         """Add the row of one epoch."""

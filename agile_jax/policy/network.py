@@ -2,7 +2,8 @@
 
     y = scale * (W_L a(... a(W_1 (f - mean) / std + b_1) ...) + b_L)
 
-f are the inputs, a the activation. Mean, std and scale are part of the parameters, so that a checkpoint is complete, but are not trained.
+f are the inputs, a the activation. Mean, std and scale are part of the parameters, so that a checkpoint is
+complete, but are not trained.
 """
 
 from collections.abc import Callable
@@ -73,8 +74,8 @@ class MLP(nn.Module):
 def fit_normalization(features: np.ndarray, natural_range: np.ndarray, scale: np.ndarray) -> Normalization:
     """Mean and standard deviation of the inputs.
 
-    An input that hardly varies (the yaw of the paper's data is constant) is divided by its natural range instead: divided by its own spread, it
-    would explode as soon as it leaves the data.
+    An input that hardly varies (the yaw of the paper's data is constant) is divided by its natural range instead:
+    divided by its own spread, it would explode as soon as it leaves the data.
 
     Args:
         features: shape (m, f).

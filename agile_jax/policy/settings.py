@@ -12,9 +12,9 @@ HiddenLayers = Annotated[tuple[Count, ...], Field(strict=False, min_length=1)]
 class PolicySettings(Settings):
     """The velocity field s -> s'.
 
-    The paper's: kind = "plain", hidden_layers = [256, 1024, 1024, 1024, 1024, 256], activation = "tanh". It names no normalisation and
-    no feature but the pose. The remaining settings belong to the residual field (field.py) and change nothing in the plain one, except
-    `field_filter`, which either can have.
+    The paper's: kind = "plain", hidden_layers = [256, 1024, 1024, 1024, 1024, 256], activation = "tanh". It names
+    no normalisation and no feature but the pose. The remaining settings belong to the residual field (field.py) and
+    change nothing in the plain one, except `field_filter`, which either can have.
     """
 
     kind: Literal["plain", "residual"] = "residual"
@@ -32,8 +32,8 @@ class PolicySettings(Settings):
 class TrainingSettings(Settings):
     """How the network is fitted. The paper's: optimizer = "sgd", learning_rate = 0.5, batch_size = 1024, epochs = 20.
 
-    The paper's rate diverges with initialisation = "lecun_normal" on raw inputs and converges with "torch_uniform", the default of the
-    framework that such recipes usually come from.
+    The paper's rate diverges with initialisation = "lecun_normal" on raw inputs and converges with "torch_uniform",
+    the default of the framework that such recipes usually come from.
     """
 
     optimizer: Literal["sgd", "adam", "adamw"] = "adam"
@@ -44,12 +44,16 @@ class TrainingSettings(Settings):
     epochs: Count = 150
     loss: Literal["mse"] = "mse"  # in (m/s)^2 and (rad/s)^2, averaged over the outputs
     initialisation: Literal["lecun_normal", "torch_uniform"] = "lecun_normal"  # torch_uniform: +-1 / sqrt(fan in)
-    precision: Literal["float32", "tensorfloat32", "bfloat16"] = "float32"  # of matrix products; a CPU always uses float32
+    precision: Literal["float32", "tensorfloat32", "bfloat16"] = (
+        "float32"  # of matrix products; a CPU always uses float32
+    )
     checkpoint_every: Count = 10  # epochs
     keep: Annotated[int, Field(ge=2)] = 2  # checkpoints kept, so that there is one before a damaged one
 
     @model_validator(mode="after")
     def _weight_decay_is_used(self) -> "TrainingSettings":
         if self.weight_decay > 0 and self.optimizer != "adamw":
-            raise ValueError(f'weight_decay = {self.weight_decay} has no effect with optimizer = "{self.optimizer}"; use "adamw"')
+            raise ValueError(
+                f'weight_decay = {self.weight_decay} has no effect with optimizer = "{self.optimizer}"; use "adamw"'
+            )
         return self

@@ -17,9 +17,9 @@ def brake_before_obstacles(
 ) -> jax.Array:
     """Take from the velocity what closes on an obstacle faster than could still be braked before the margin.
 
-    With clearance d and its gradient g in the pose, the approach -g . v may be at most sqrt(2 a (d - margin)), where a = min_i A_i / |g_i| over
-    the axes that g uses (weighted by their share) is what the axes can brake along g. The excess is removed along W g with W = diag(A^2),
-    the smallest change in units of the accelerations. Tangential motion, and motion away, are untouched.
+    With clearance d, its gradient g in the pose and W = diag(A^2), the axes braking together along W g decelerate d
+    by a = sqrt(g W g). So the approach -g . v may be at most sqrt(2 a (d - margin)); the excess is removed along
+    W g, the smallest change in units of the accelerations. Motion along the obstacle and away from it is untouched.
 
     Args:
         scene: n obstacles, taken one after the other.

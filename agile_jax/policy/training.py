@@ -1,8 +1,8 @@
 """Fitting the network to samples: resumable, bit for bit.
 
-The parameters after epoch e are a pure function of (samples, settings, seed). A killed training goes on from its last checkpoint and ends
-with the same parameters, the same optimiser state and the same metrics.jsonl as one that was not killed (on a CPU; a GPU needs XLA's
-deterministic kernels for that).
+The parameters after epoch e are a pure function of (samples, settings, seed). A killed training goes on from its
+last checkpoint and ends with the same parameters, the same optimiser state and the same metrics.jsonl as one that
+was not killed (on a CPU; a GPU needs XLA's deterministic kernels for that).
 """
 
 import pathlib
@@ -59,7 +59,8 @@ def fit_policy(
         progress: is told of every epoch.
 
     Raises:
-        BadInput: empty or non-finite samples, a batch larger than the samples, a checkpoint of other settings, or a loss that is not finite.
+        BadInput: empty or non-finite samples, a batch larger than the samples, a checkpoint of other settings, or a
+            loss that is not finite.
     """
     check_labels(training, "training")
     check_labels(validation, "validation")
@@ -93,7 +94,9 @@ def fit_policy(
             done = number + 1
             if done % settings.checkpoint_every == 0 or done == settings.epochs:
                 metadata = {"rows": log.rows, "seconds": seconds}
-                save_checkpoint(folder, Checkpoint(done, state.parameters, state.optimizer, metadata), identity, settings.keep)
+                save_checkpoint(
+                    folder, Checkpoint(done, state.parameters, state.optimizer, metadata), identity, settings.keep
+                )
             progress(done, settings.epochs, f"training: validation error {row['validation_mse']:.2e}")
         return Fitted(
             parameters=state.parameters,
@@ -132,13 +135,15 @@ def _row(
     if not np.isfinite(losses).all():
         bad = number * steps + int(np.argmin(np.isfinite(losses))) + 1
         raise BadInput(
-            f"training diverged: the loss at step {bad} (epoch {number + 1}) is not finite; lower training.learning_rate, "
-            'or set training.initialisation = "torch_uniform" or training.optimizer = "adam"'
+            f"training diverged: the loss at step {bad} (epoch {number + 1}) is not finite; "
+            'lower training.learning_rate, or set training.initialisation = "torch_uniform" '
+            'or training.optimizer = "adam"'
         )
     validation = float(compiled.validation_error(state.parameters, held_out))
     if not np.isfinite(validation):
         raise BadInput(
-            f"training diverged: the validation error after epoch {number + 1} is not finite; lower training.learning_rate"
+            f"training diverged: the validation error after epoch {number + 1} is not finite; "
+            "lower training.learning_rate"
         )
     return {
         "epoch": number + 1,

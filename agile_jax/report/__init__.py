@@ -10,8 +10,17 @@ from agile_jax.report.settings import ReportSettings
 if TYPE_CHECKING:
     from agile_jax.report.html import write_report
     from agile_jax.report.plan_figures import draw_plan
+    from agile_jax.report.rendering_record import rendering_notes
     from agile_jax.report.video import render_video
 
-__all__ = ["ReportSettings", "draw_plan", "render_video", "write_report"]
+__all__ = ["ReportSettings", "draw_plan", "render_video", "rendering_notes", "write_report"]
 
-__getattr__ = lazy_names(__name__, {"html": "write_report", "plan_figures": "draw_plan", "video": "render_video"})
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "html": "write_report",
+        "rendering_record": "rendering_notes",
+        "plan_figures": "draw_plan",
+        "video": "render_video",
+    },
+)

@@ -1,6 +1,7 @@
 """Figures of the closed loop: outcomes over the starts, and one episode over time."""
 
 import pathlib
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -96,9 +97,9 @@ def draw_episode(scene: Scene, episode: Episode, torque_limit: np.ndarray, path:
     if len(finite):
         moment = float(time[int(np.nanargmin(np.where(np.isfinite(episode.clearance), episode.clearance, np.nan)))])
         clearance.plot([moment], [least], "o", color=GREEN, markersize=4)
-        clearance.annotate(
-            f"least: {1e3 * least:.0f} mm", (moment, least), (6, 8), textcoords="offset points", fontsize=8
-        )
+        late = moment > 0.7 * time[-1]
+        words: dict[str, Any] = {"textcoords": "offset points", "ha": "right" if late else "left", "fontsize": 8}
+        clearance.annotate(f"least: {1e3 * least:.0f} mm", (moment, least), (-6 if late else 6, 8), **words)
 
     _draw_torques(dress(panels[3], "time [s]", "torque [N m]"), episode, torque_limit, time)
     panels[3].set_xlim(0.0, max(float(time[-1]), 1e-3))

@@ -7,6 +7,7 @@ from agile_jax.files import write_atomic
 from agile_jax.progress import Progress, silent
 from agile_jax.report import run_figures, sections
 from agile_jax.report.page import Section, page, paragraph
+from agile_jax.report.rendering_record import write_record
 from agile_jax.report.run_figures import Inputs
 from agile_jax.settings import BadInput
 
@@ -14,12 +15,13 @@ from agile_jax.settings import BadInput
 def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress = silent) -> pathlib.Path:
     """Write `report.html`, `figures/*.png` and `videos/*.mp4` of a run.
 
-    What the run does not hold yet is left out with a sentence.
+    What the run does not hold yet is left out with a sentence. `rendering_notes(run_dir)` tells what
+    to install for better pictures.
 
     Args:
         run_dir: as the pipeline leaves it (docs/architecture.md); any stage may be missing.
         experiment: the run's settings.
-        progress: called with (parts done, parts, what comes next); a note on missing OpenGL comes this way, too.
+        progress: called with (parts done, parts, what comes next).
 
     Returns:
         The path of the HTML file.
@@ -48,18 +50,19 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
     learning = guarded(lambda: sections.training_table(training))
     learning += guarded(lambda: run_figures.learning_curve(run_dir, floor if isinstance(floor, float) else None))
     learning += guarded(lambda: run_figures.velocity_field(run_dir, experiment))
-    results, pictures = [], ""
+    results, pictures, records = [], "", {}
     for number, backend in enumerate(backends):
         progress(2 + number, total, f"episodes of {backend}")
         body = sections.evaluation_table(evaluations[backend])
         try:
-            shown, moving, note = run_figures.evaluation(run_dir, experiment, backend)
+            shown, moving, rendered = run_figures.evaluation(run_dir, experiment, backend)
         except BadInput as error:
-            shown, moving, note = paragraph(f"Left out: {str(error).replace(f'{run_dir}/', '')}"), "", None
-        if note:
-            progress(2 + number, total, note)
+            shown, moving, rendered = paragraph(f"Left out: {str(error).replace(f'{run_dir}/', '')}"), "", None
+        if rendered:
+            records[backend] = rendered._asdict()
         pictures += moving
         results.append(Section(f"evaluation-{backend}", f"Evaluation: {backend}", body + shown))
+    write_record(run_dir, records)
     progress(total - 1, total, "page")
 
     overview = sections.overview(dataset, training, evaluations) + "".join(paragraph(text) for text in problems)

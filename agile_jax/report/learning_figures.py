@@ -76,7 +76,7 @@ def draw_velocity_field(
     high = np.maximum(scene.target[:2] + 0.6, [0.0, 1.4])
     low, high = np.maximum(low, scene.lower[:2]), np.minimum(high, scene.upper[:2])
     x, y = np.linspace(low[0], high[0], 61), np.linspace(low[1], high[1], 43)
-    figure = new_figure(8.0, 3.3 * len(heights) + 0.4)
+    figure = new_figure(7.4, 3.9 * len(heights) + 0.4)
     panels = np.atleast_1d(figure.subplots(len(heights), 1, sharex=True))
     poses = np.zeros((len(y), len(x), POSE_SIZE))
     poses[..., 0], poses[..., 1] = np.meshgrid(x, y)

@@ -76,7 +76,7 @@ def opengl_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int, ba
 def _complaint(errors: IO[bytes], code: int) -> str:
     errors.seek(0)
     lines = [line.strip() for line in errors.read().decode(errors="replace").splitlines() if line.strip()]
-    return lines[-1][:200] if lines else f"the rendering process ended with {code}"
+    return lines[-1].split(": ", 1)[-1][:80] if lines else f"the rendering process ended with {code}"
 
 
 def _render(folder: pathlib.Path) -> None:

@@ -20,7 +20,7 @@ from agile_jax.report.learning_figures import draw_learning_curve, draw_velocity
 from agile_jax.report.plan_figures import draw_plan, full_height
 from agile_jax.report.settings import ReportSettings
 from agile_jax.report.traces import Episode, choose_episode, load_episodes, load_outcomes, went_under
-from agile_jax.report.video import SIM_DT, render_shot, write_mp4
+from agile_jax.report.video import SIM_DT, Rendered, render_shot, write_mp4
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
 from agile_jax.scene import Scene, SceneSettings, clearance, make_scene
 
@@ -97,7 +97,7 @@ def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
     path = draw_learning_curve(rows, noise_floor, run_dir / "figures" / "learning_curve.png")
     return page.picture(
         path,
-        "Error of the field on the training and on the validation trajectories; the dotted line is the labels' own noise.",
+        "Error of the field on the training and on the validation trajectories; dotted: the labels' own noise.",
     )
 
 
@@ -135,12 +135,11 @@ def crawl_height(scene: Scene, margin: float) -> float | None:
     return float(passable.min()) if len(passable) else None
 
 
-def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str, str, str | None]:
+def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str, str, Rendered | None]:
     """Figures of an evaluation.
 
     Returns:
-        HTML of the outcomes and the episode; HTML of video and snapshots, "" without traces; a note on the rendering
-        or None.
+        HTML of the outcomes and the episode; HTML of video and snapshots, "" without traces; how these were rendered.
     """
     scene = make_scene(inputs.scene)
     figures, folder = run_dir / "figures", run_dir / "evaluation"
@@ -163,13 +162,12 @@ def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str
         f"Episode {episode.row} ({episode.outcome}): height of the trunk below the table, speed in the plane, "
         "clearance of the torso's envelope, torques of the twelve joints.",
     )
-    pictures, note = _pictures(run_dir, inputs, scene, episode, backend)
-    return shown, pictures, note
+    return shown, *_pictures(run_dir, inputs, scene, episode, backend)
 
 
 def _pictures(
     run_dir: pathlib.Path, inputs: Inputs, scene: Scene, episode: Episode, backend: str
-) -> tuple[str, str | None]:
+) -> tuple[str, Rendered]:
     """Video and snapshots (the paper's figure 3) of an episode, rendered in one go."""
     settings = inputs.report
     video, still = run_dir / "videos" / f"{backend}.mp4", run_dir / "figures" / f"snapshots_{backend}.png"
@@ -197,4 +195,4 @@ def _pictures(
     html += page.picture(still, f"Snapshots of the same episode ({backend}); times and trunk heights in the corners.")
     if rendered.note:
         html += page.paragraph(rendered.note, soft=True)
-    return html, rendered.note
+    return html, rendered

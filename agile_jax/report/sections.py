@@ -32,7 +32,7 @@ _TRAINING = {
     "epochs": ("epochs", ""),
     "parameters": ("parameters", ""),
     "seconds": ("training time", "s"),
-    "compile_seconds": ("of it compilation", "s"),
+    "compile_seconds": ("compilation", "s"),
     "device": ("device", ""),
 }
 _EVALUATION = {
@@ -152,16 +152,12 @@ def settings_section(run_dir: pathlib.Path) -> Section:
         return Section("settings", "Settings", paragraph("The run holds no experiment.toml."))
     content = path.read_text(encoding="utf-8", errors="replace")
     try:
-        parsed = tomllib.loads(content)
+        tomllib.loads(content)
     except tomllib.TOMLDecodeError as error:
-        return Section(
-            "settings", "Settings", paragraph(f"experiment.toml is damaged: {error}") + listing("its text", content)
-        )
-    stages = [(key, len(value)) for key, value in parsed.items() if isinstance(value, dict)]
-    words = paragraph("The experiment as it was resolved: every default is written out.")
-    return Section(
-        "settings", "Settings", words + table(("stage", "settings"), stages) + listing("experiment.toml", content)
-    )
+        words = f"experiment.toml is damaged: {error}"
+    else:
+        words = "The experiment as it was resolved: every default is written out."
+    return Section("settings", "Settings", paragraph(words) + listing("experiment.toml", content))
 
 
 def environment_table(run_dir: pathlib.Path) -> str:

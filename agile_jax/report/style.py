@@ -32,7 +32,7 @@ def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str = "") -> 
     axes.set_ylabel(y_label, fontsize=9)
     if title:
         axes.set_title(title, fontsize=10, loc="left")
-    axes.tick_params(labelsize=8, color=GREY)
+    axes.tick_params(which="both", labelsize=8, color=GREY)
     axes.grid(True, color="#E6E6E6", linewidth=0.6)
     axes.set_axisbelow(True)
     for side in ("top", "right"):

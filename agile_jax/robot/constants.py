@@ -40,7 +40,7 @@ NOMINAL_HEIGHT = 0.27  # of the trunk's origin [m]
 
 
 class LinkConstants(NamedTuple):
-    """Mass [kg], centre of mass (3,) [m] and inertia about it (xx, yy, zz, xy, xz, yz) [kg m^2], along the link's axes."""
+    """Mass [kg], centre of mass (3,) [m], inertia about it along the link's axes (xx, yy, zz, xy, xz, yz) [kg m^2]."""
 
     mass: float
     com: tuple[float, float, float]

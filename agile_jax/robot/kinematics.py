@@ -78,8 +78,8 @@ def leg_jacobian(model: RobotModel, joint_pos: Array) -> Array:
 def leg_inverse_kinematics(model: RobotModel, foot_pos_base: Array) -> Array:
     """Joint positions that put the feet at the given places, with knees bent backward.
 
-    A place out of reach is replaced by the nearest along the leg's own direction, and the angles are clamped to the joint limits,
-    so that the result is always finite and allowed.
+    A place out of reach is replaced by the nearest along the leg's own direction, and the angles are clamped to the
+    joint limits, so that the result is always finite and allowed.
 
     Args:
         model: the robot.
@@ -106,7 +106,8 @@ def composite_inertia(model: RobotModel, joint_pos: Array) -> tuple[Array, Array
     """The whole robot as one rigid body at joint positions (12,) [rad].
 
     Returns:
-        Mass () [kg]; centre of mass in the base frame (3,) [m]; inertia about the centre of mass, along the base's axes (3, 3) [kg m^2].
+        Mass () [kg]; centre of mass in the base frame (3,) [m]; inertia about the centre of mass, along the base's axes
+        (3, 3) [kg m^2].
     """
     poses = link_poses(model, joint_pos)
     masses = jnp.asarray(model.link_masses)

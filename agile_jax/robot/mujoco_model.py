@@ -26,9 +26,10 @@ _TARGET = [0.15, 0.75, 0.30, 0.20]
 def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> mujoco.MjModel:
     """Floor, obstacles, robot, light and cameras.
 
-    Obstacles are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track` (follows the trunk).
-    The robot collides with the floor and with obstacles, never with itself; automatic reset is off. Contact sensors count what must
-    not happen: `touch_obstacle_0`, ... (any part of the robot on that obstacle) and `touch_floor_<geom>` (trunk, hips, thighs).
+    Obstacles are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track` (follows the
+    trunk). The robot collides with the floor and with obstacles, never with itself; automatic reset is off. Contact
+    sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that obstacle) and
+    `touch_floor_<geom>` (trunk, hips, thighs).
 
     Args:
         scene: obstacles and target.
@@ -169,8 +170,8 @@ def _add_cameras(spec: mujoco.MjSpec, scene: Scene) -> None:
     length = max(np.ptp(places[:, 0]), 2.0)
     end = np.array([places[:, 0].max(), middle[1], 0.2])
     for name, eye, look_at in (
-        ("side", middle + [0.0, -1.2 * length, 0.10 * length], middle + [0.0, 0.0, 0.1]),
-        ("front", end + [1.2, -0.9, 0.5], end + [-1.2, 0.0, 0.0]),
+        ("side", middle + np.array([0.0, -1.2 * length, 0.1 * length]), middle + np.array([0.0, 0.0, 0.1])),
+        ("front", end + np.array([1.2, -0.9, 0.5]), end - np.array([1.2, 0.0, 0.0])),
     ):
         spec.worldbody.add_camera(name=name, pos=eye, xyaxes=_look_at(eye, look_at), fovy=35)
     offset = np.array([0.6, -1.5, 0.25])
@@ -209,7 +210,7 @@ def _add_touch_sensors(spec: mujoco.MjSpec, obstacles: int) -> None:
 
 
 def _look_at(eye: np.ndarray, point: np.ndarray) -> np.ndarray:
-    """Image axes right and up, in the world, of an upright camera at `eye` (3,) that looks at `point` (3,). Shape (6,)."""
+    """Image axes right and up, in the world, of an upright camera at `eye` (3,) looking at `point` (3,). Shape (6,)."""
     back = (eye - point) / np.linalg.norm(eye - point)
     right = np.cross([0.0, 0.0, 1.0], back)
     right /= np.linalg.norm(right)

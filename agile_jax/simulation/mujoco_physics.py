@@ -15,13 +15,13 @@ _HUGE = 1e10  # MuJoCo calls a larger number bad (mjMAXVAL)
 class MujocoPhysics:
     """A batch of independent episodes, stepped by the C++ threads of `mujoco.rollout`.
 
-    (A pool of Python threads that each call mj_step loses more to the interpreter's lock than it gains: measured slower with two
-    threads than with one.)
+    (A pool of Python threads that each call mj_step loses to the interpreter's lock what it gains.)
 
-    An episode's result depends on nothing but its own start and torques: not on the number of threads, not on its neighbours.
+    An episode's result depends on nothing but its own start and torques: not on the number of threads, not on its
+    neighbours.
 
-    A torque or state that is not finite makes the state NaN, and it stays so: the episode is not stepped again until it is reset. Left to
-    itself, MuJoCo would replace a bad control by zero and go on.
+    A torque or state that is not finite makes the state NaN, and it stays so: the episode is not stepped again until it
+    is reset. Left to itself, MuJoCo would replace a bad control by zero and go on.
     """
 
     def __init__(self, model: mujoco.MjModel, batch: int, threads: int) -> None:
@@ -96,7 +96,7 @@ class MujocoPhysics:
 
     def _sound(self) -> np.ndarray:
         """Episodes whose state MuJoCo accepts: shape (n,). A NaN fails the comparison."""
-        return (np.abs(self._state) < _HUGE).all(-1)
+        return np.all(np.abs(self._state) < _HUGE, axis=-1)
 
     def _step_episodes(self, episodes: np.ndarray, torques: np.ndarray) -> None:
         states, sensordata = self._rollout.rollout(

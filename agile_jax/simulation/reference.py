@@ -13,6 +13,7 @@ import jax.numpy as jnp
 
 from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
+from agile_jax.policy.tracker import track
 
 Field = Callable[[Any, jax.Array], jax.Array]  # (parameters, pose (4,)) -> velocity (4,)
 
@@ -27,8 +28,7 @@ class ReferenceState(NamedTuple):
 def drive(
     field: Field, parameters: Any, state: ReferenceState, acceleration_limit: jax.Array, dt: float
 ) -> ReferenceState:
-    """One step along the field. The field is read one step ahead; a change of velocity beyond the limits keeps its
-    direction.
+    """One step along the field, which is read one step ahead.
 
     Args:
         field, parameters: the policy.
@@ -37,9 +37,7 @@ def drive(
         dt: [s].
     """
     wanted = field(parameters, state.pose + state.velocity * dt)
-    change = wanted - state.velocity
-    excess = jnp.max(jnp.abs(change) / (acceleration_limit * dt))
-    velocity = state.velocity + change / jnp.maximum(excess, 1.0)
+    velocity = track(wanted, state.velocity, acceleration_limit, dt)
     return ReferenceState(state.pose + velocity * dt, velocity)
 
 

@@ -13,8 +13,8 @@ Array = Any  # numpy.ndarray or jax.Array
 class Sensed(NamedTuple):
     """State of the robot after a step, and what it touched during it. Batch axes, if any, lead.
 
-    Contacts are those of the configuration that the step started from: there both simulators look for them. After a reset there
-    were none yet.
+    Contacts are those of the configuration that the step started from: there both simulators look for them. After a
+    reset there were none yet.
     """
 
     qpos: Array  # (..., 19) [m, quaternion wxyz, rad]

@@ -102,7 +102,7 @@ def _judged(trial: Trial, settings: SweepSettings, seconds: float) -> Trial:
 def _run_trial(trial: Trial, settings: SweepSettings, sweep_dir: pathlib.Path, engine: str, workers: int | None) -> str:
     """Run one trial in a process of its own, which keeps JAX apart. Returns the cause of a failure, or ""."""
     try:
-        _wait_until_free(trial.run_dir)
+        wait_until_free(trial.run_dir)
     except BadInput as error:
         return str(error)
     stages = stages_for(settings)
@@ -139,7 +139,7 @@ def _run_trial(trial: Trial, settings: SweepSettings, sweep_dir: pathlib.Path, e
     return lines[-1] if lines else f"exit code {code}"
 
 
-def _wait_until_free(run_dir: pathlib.Path) -> None:
+def wait_until_free(run_dir: pathlib.Path) -> None:
     """Wait for the process of a killed sweep that has not yet noticed; BadInput when it stays."""
     deadline = time.monotonic() + PATIENCE
     while True:

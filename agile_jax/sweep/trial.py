@@ -9,11 +9,10 @@ import signal
 import sys
 import threading
 import time
-from types import FrameType
-from typing import NoReturn
 
 from agile_jax import pipeline
 from agile_jax.experiment import load_experiment
+from agile_jax.interruption import Interrupted, interruptible, persistent
 from agile_jax.progress import shown
 from agile_jax.settings import BadInput
 
@@ -22,31 +21,28 @@ GRACE = 15.0  # [s] between SIGTERM and the end without ceremony
 
 def main(run_dir: str, stages: str, engine: str, workers: str | None = None) -> int:
     """Run the stages (names joined by commas) of the experiment that stands in the run directory."""
-    signal.signal(signal.SIGTERM, _terminate)
     threading.Thread(target=_end_with_the_sweep, daemon=True).start()
     folder = pathlib.Path(run_dir)
     try:
         experiment = load_experiment(folder / "experiment.toml")
-        with shown() as progress:
+        with interruptible() as arrived, shown() as progress:
             results = pipeline.run(
                 experiment,
                 folder,
                 stages.split(","),
                 engine=engine,
                 workers=None if workers is None else int(workers),
-                progress=progress,
+                progress=persistent(progress, arrived),
             )
     except (BadInput, OSError) as error:
         print(error, file=sys.stderr)
         return 2
+    except Interrupted as error:
+        print(f"ended by {error}", file=sys.stderr)
+        return 128 + error.number
     found = pipeline.failures(results)
     print("\n".join(found), file=sys.stderr)
     return 1 if found else 0
-
-
-def _terminate(number: int, frame: FrameType | None) -> NoReturn:
-    del number, frame
-    sys.exit(143)
 
 
 def _end_with_the_sweep() -> None:

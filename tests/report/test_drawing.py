@@ -1,4 +1,4 @@
-"""The renderer without OpenGL, against geometry worked out by hand, against the robot's own and against MuJoCo's renderer."""
+"""The renderer without OpenGL against geometry by hand, against the robot's own and against MuJoCo's renderer."""
 
 import time
 
@@ -17,7 +17,9 @@ SCALE = HEIGHT / VIEW_HEIGHT  # [pixel/m]
 LOOK_AT = np.array([0.0, 0.0, 0.3])
 
 PURE = '<geom type="{kind}" size="{size}" rgba="1 0 0 1"/>'
-BODY = '<mujoco><worldbody><body pos="{pos}" euler="{euler}"><freejoint/>{geom}<geom size="1e-4" rgba="0 0 0 0"/></body></worldbody></mujoco>'
+BODY = """
+<mujoco><worldbody><body pos="{pos}" euler="{euler}"><freejoint/>{geom}</body></worldbody></mujoco>
+"""
 
 
 def colored_box(image: np.ndarray, channel: int) -> np.ndarray:

@@ -5,7 +5,7 @@ import pathlib
 
 import numpy as np
 import pytest
-from conftest import crawl
+from known_run import crawl
 from PIL import Image
 
 from agile_jax.expert import ExpertSettings, Trajectory, make_expert
@@ -66,7 +66,7 @@ def test_the_plane_has_no_way_under_the_table(scene_settings, scene):
     assert clearance(scene, np.array([1.5, 0.0, 0.16, 0.0])) > 0
     solution = make_expert(flat, ExpertSettings(nodes=40)).solve(np.array([0.0, 0.0, 0.28, 0.0]))
     assert solution.status == "solved"
-    np.testing.assert_allclose(solution.trajectory.states[:, 2], 0.28, atol=1e-6)
+    np.testing.assert_allclose(solution.trajectory.states[:, 2], 0.28, atol=1e-4)
     assert np.abs(solution.trajectory.states[:, 1]).max() > 0.5  # beside the table
 
 

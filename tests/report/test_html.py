@@ -1,4 +1,4 @@
-"""The report stands alone, escapes what it shows, survives missing and damaged parts, and is the same when made again."""
+"""The report stands alone, escapes what it shows, survives missing and damaged parts, and is repeatable."""
 
 import html.parser
 import json
@@ -6,10 +6,11 @@ import pathlib
 
 import numpy as np
 import pytest
-from conftest import RunInputs
+from known_run import RunInputs
 
-from agile_jax.report import ReportSettings, write_report
+from agile_jax.report import ReportSettings, rendering_notes, write_report
 from agile_jax.report.traces import choose_episode, load_episodes, load_outcomes
+from agile_jax.scene import SceneSettings
 
 VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
 HOSTILE = '<script>alert("x")</script>'
@@ -69,16 +70,37 @@ def test_a_whole_run(run_dir, inputs):
         assert address.startswith(("data:image/png;base64,", "data:video/mp4;base64,", "#")), address[:60]
     for address in (a for a in page.addresses if a.startswith("#")):
         assert address[1:] in page.anchors
-    for words in ("93.8 %", "85.0 % to 97.5 %", "collision", "infeasible: 3", "under: 390", "0.0123", "0.10.2", "0.005"):
+    for words in (
+        "93.8 %",
+        "85.0 % to 97.5 %",
+        "collision",
+        "infeasible: 3",
+        "under: 390",
+        "0.0123",
+        "0.10.2",
+        "0.005",
+    ):
         assert words in page.text, words
     assert "Episode 2 (success)" in page.text  # the first success that went under the table
     expected = {"paths", "learning_curve", "outcomes_mujoco", "episode_mujoco", "snapshots_mujoco"}
-    assert {file.stem for file in (run_dir / "figures").iterdir()} == expected
+    assert {file.stem for file in (run_dir / "figures").glob("*.png")} == expected
     assert (run_dir / "videos/mujoco.mp4").stat().st_size > 10_000
     assert notes[-1][0] == notes[-1][1]
+    assert rendering_notes(run_dir) == []  # a drawing that was asked for needs nothing
 
     first = path.read_bytes()
     assert write_report(run_dir, inputs).read_bytes() == first
+
+
+def test_what_rendering_lacks_is_kept_for_the_command_line(run_dir, inputs, monkeypatch):
+    monkeypatch.setenv("MUJOCO_GL", "glfw")
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    small = ReportSettings(video=False, width=320, height=180)
+    page = Page(write_report(run_dir, inputs._replace(scene=SceneSettings(), report=small)).read_text())
+    (note,) = rendering_notes(run_dir)
+    assert "apt-get install" in note
+    assert note in page.text
 
 
 def test_hostile_words_are_escaped(run_dir, inputs):
@@ -102,22 +124,29 @@ def test_an_empty_run(tmp_path, inputs):
     assert (tmp_path / "figures/paths.png").is_file()  # needs only the settings
 
 
-@pytest.mark.parametrize(
-    "name", ["dataset/summary.json", "training/summary.json", "evaluation/mujoco.npz", "evaluation/mujoco-traces.npz",
-             "training/metrics.jsonl", "environment.json", "experiment.toml", "evaluation/mujoco.json"]
-)  # fmt: skip
+GROUPS = (
+    ("dataset/summary.json", "training/metrics.jsonl", "evaluation/mujoco-traces.npz"),
+    ("training/summary.json", "environment.json", "evaluation/mujoco.npz"),
+    ("experiment.toml", "evaluation/mujoco.json"),
+)
+
+
+@pytest.mark.parametrize("names", GROUPS, ids=lambda names: names[0])
 @pytest.mark.parametrize("damage", ["missing", "garbage", "cut"])
-def test_missing_and_damaged_parts_are_named(run_dir, inputs, name, damage):
-    path = run_dir / name
-    if damage == "missing":
-        path.unlink()
-    elif damage == "garbage":
-        path.write_bytes(b"\x00\xff[garbage\n" * 40)
-    else:
-        path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    page = Page(write_report(run_dir, without_video(inputs)._replace(scene=inputs.scene)).read_text())
+def test_missing_and_damaged_parts_are_survived_and_named(run_dir, inputs, names, damage):
+    for name in names:
+        path = run_dir / name
+        if damage == "missing":
+            path.unlink()
+        elif damage == "garbage":
+            path.write_bytes(b"\x00\xff[garbage\n" * 40)
+        else:
+            path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+    no_table = without_video(inputs)._replace(scene=SceneSettings())  # its path is quickly planned
+    page = Page(write_report(run_dir, no_table).read_text())
     if damage == "garbage":
-        assert name.split("/")[-1] in page.text
+        for name in names:
+            assert name.split("/")[-1] in page.text
     assert str(run_dir) not in page.text
 
 

@@ -1,11 +1,13 @@
 """Videos have the episode's length, show the moment they say, and exist without OpenGL."""
 
 import pathlib
+import subprocess
+import sys
 
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from conftest import MOMENTS, SECONDS, crawl
+from known_run import MOMENTS, SECONDS, crawl
 
 from agile_jax.report import ReportSettings, render_video
 from agile_jax.report.camera import film, snapshots
@@ -102,3 +104,13 @@ def test_a_failing_encoder_leaves_no_file(tmp_path):
     with pytest.raises(OSError, match=r"odd\.mp4"):
         write_mp4(path, frames, 25)
     assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("module", "absent"),
+    [("agile_jax.report", ("jax", "matplotlib", "mujoco", "PIL")), ("agile_jax.report.opengl", ("jax", "matplotlib"))],
+)
+def test_heavy_libraries_are_loaded_only_where_needed(module, absent):
+    code = f"import sys, {module}; print([name for name in {absent!r} if name in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "[]"

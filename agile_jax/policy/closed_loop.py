@@ -1,8 +1,8 @@
 """The field in closed loop with a kinematic robot: a point in pose space that accelerates within bounds.
 
-It answers what a mean squared error cannot: whether the field arrives, and whether it hits something on the way. A tick of `dt` takes the field
-one tick ahead, u = v(s + s' dt), because s' cannot change before; the change u - s' is scaled as a whole to the acceleration bounds,
-which keeps its direction where clipping each axis would bend the path.
+It answers what a mean squared error cannot: whether the field arrives, and whether it hits something on the way. A tick
+of `dt` takes the field one tick ahead, at s + s' dt, because s' cannot change before, and tracks it like the reference
+of the simulated robot does (tracker.py).
 """
 
 import functools
@@ -15,6 +15,7 @@ import numpy as np
 from agile_jax.policy.features import pose_error
 from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.tracker import track
 from agile_jax.scene import Scene, clearance
 
 ARRIVED, COLLIDED, STALLED, LOST = range(4)
@@ -60,7 +61,9 @@ def follow(
     limit = np.full(scene.target.shape, np.inf) if acceleration_limit is None else np.asarray(acceleration_limit)
     ticks = round(duration / dt)
     narrow = Scene(*(np.asarray(array, np.float32) for array in scene))
-    run = jax.jit(jax.vmap(functools.partial(_loop, policy, narrow, dt, jnp.asarray(limit, jnp.float32), ticks), (None, 0)))
+    run = jax.jit(
+        jax.vmap(functools.partial(_loop, policy, narrow, dt, jnp.asarray(limit, jnp.float32), ticks), (None, 0))
+    )
     poses, velocities, clearances = jax.device_get(run(params, jnp.asarray(starts, jnp.float32)))
     error = np.asarray(pose_error(jnp.asarray(poses), jnp.asarray(scene.target, jnp.float32)))
     distance = np.linalg.norm(error[..., :3], axis=-1)
@@ -93,9 +96,7 @@ def _loop(
 
     def tick(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], tuple[jax.Array, ...]]:
         pose, velocity = carry
-        change = policy.velocity(params, pose + velocity * dt) - velocity
-        change = change / jnp.maximum(jnp.abs(change / (acceleration_limit * dt)).max(), 1.0)
-        following = velocity + change
+        following = track(policy.velocity(params, pose + velocity * dt), velocity, acceleration_limit, dt)
         middle = pose + (3 * velocity + following) * dt / 8  # constant acceleration, half-way
         next_pose = pose + (velocity + following) * dt / 2
         nearest = jnp.minimum(clearance(scene, middle, jnp), clearance(scene, next_pose, jnp))

@@ -1,15 +1,16 @@
 """The error below which no velocity field can come on these labels.
 
-A rest-to-rest trajectory passes a place at a velocity that depends on where it began: the label is not a function of the position, and
-E[Var(v | s)] is the floor of every mean squared error. The Gamma test (Stefansson, Koncar and Jones, "A note on the Gamma test", Neural Computing and
-Applications 5, 1997) estimates it without a model. For a sample q let n_p be its p-th nearest neighbour among the other trajectories, one a
-trajectory. With v = f(s) + r, r of variance G,
+A rest-to-rest trajectory passes a place at a velocity that depends on where it began: the label is not a function
+of the position, and E[Var(v | s)] is the floor of every mean squared error. The Gamma test (Stefansson, Koncar and
+Jones, "A note on the Gamma test", Neural Computing and Applications 5, 1997) estimates it without a model. For a
+sample q let n_p be its p-th nearest neighbour among the other trajectories, one a trajectory. With v = f(s) + r, r
+of variance G,
 
     gamma(p) = mean_q |v_q - v_np|^2 / 2  ~  G + A delta(p),     delta(p) = mean_q |s_q - s_np|^2
 
-so the regression of gamma on delta, p = 1 .. P, meets delta = 0 at G: the neighbours' distance is accounted for, not neglected. Subtracting
-any fixed function of the position from the velocities leaves G as it is and makes A, thus the error, smaller; the training subtracts the
-braking law.
+so the regression of gamma on delta, p = 1 .. P, meets delta = 0 at G: the neighbours' distance is accounted for,
+not neglected. Subtracting any fixed function of the position from the velocities leaves G as it is and makes A,
+thus the error, smaller; the training subtracts the braking law.
 """
 
 import numpy as np

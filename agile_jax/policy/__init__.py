@@ -1,0 +1,53 @@
+"""The policy: a velocity field s -> s' learned from the expert's labels, and its training.
+
+Only the settings are imported with the package; the rest loads JAX when first used.
+"""
+
+from typing import TYPE_CHECKING
+
+from agile_jax.lazy import lazy_names
+from agile_jax.policy.settings import PolicySettings, TrainingSettings
+
+if TYPE_CHECKING:
+    from agile_jax.policy.braking import braking_law
+    from agile_jax.policy.checkpoint import load_parameters
+    from agile_jax.policy.closed_loop import OUTCOMES, Followed, follow
+    from agile_jax.policy.field import Encoding, Policy, make_policy
+    from agile_jax.policy.gamma_test import noise_floor
+    from agile_jax.policy.network import Normalization, PolicyParameters, parameter_count
+    from agile_jax.policy.stage import train
+    from agile_jax.policy.training import Fitted, fit_policy
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "braking": "braking_law",
+        "checkpoint": "load_parameters",
+        "closed_loop": "OUTCOMES Followed follow",
+        "field": "Encoding Policy make_policy",
+        "gamma_test": "noise_floor",
+        "network": "Normalization PolicyParameters parameter_count",
+        "stage": "train",
+        "training": "Fitted fit_policy",
+    },
+)
+
+__all__ = [
+    "OUTCOMES",
+    "Encoding",
+    "Fitted",
+    "Followed",
+    "Normalization",
+    "Policy",
+    "PolicyParameters",
+    "PolicySettings",
+    "TrainingSettings",
+    "braking_law",
+    "fit_policy",
+    "follow",
+    "load_parameters",
+    "make_policy",
+    "noise_floor",
+    "parameter_count",
+    "train",
+]

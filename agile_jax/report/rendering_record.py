@@ -1,0 +1,25 @@
+"""With what a run's pictures were made, kept beside them, so that the command line can say what to install."""
+
+import pathlib
+from typing import Any
+
+from agile_jax.files import write_json
+from agile_jax.report.sections import read_json
+from agile_jax.settings import BadInput
+
+_NAME = "figures/rendering.json"
+
+
+def write_record(run_dir: pathlib.Path, records: dict[str, dict[str, Any]]) -> None:
+    """Keep {evaluation backend: {"renderer": ..., "note": one line or None}}."""
+    write_json(run_dir / _NAME, records)
+
+
+def rendering_notes(run_dir: pathlib.Path) -> list[str]:
+    """The distinct notes on missing OpenGL of a run's last report, each one line; none where all is well."""
+    try:
+        records = read_json(run_dir / _NAME) or {}
+    except BadInput:
+        return []
+    notes = [record.get("note") for record in records.values() if isinstance(record, dict)]
+    return list(dict.fromkeys(note for note in notes if isinstance(note, str)))

@@ -1,0 +1,71 @@
+"""Closed forms against simulated bang-bang motion and a linear program; route bounds against solved routes."""
+
+import numpy as np
+import pytest
+
+from agile_jax.expert import ExpertSettings, lower_bound, minimum_time
+from agile_jax.expert.minimum_time import route_bounds, turning_legs
+
+
+@pytest.mark.parametrize(("v", "a"), [(0.8, 1.5), (0.3, 1.0), (1.0, 3.0)])
+def test_distance_covered_in_the_minimum_time(v, a):
+    """Integrating the fastest speed profile over the claimed time covers the distance."""
+    for distance in (1e-4, 0.01, 0.1, 0.5, 3.0):
+        total = float(minimum_time(distance, v, a))
+        t = np.linspace(0, total, 200_001)
+        assert np.trapezoid(np.minimum(v, a * np.minimum(t, total - t)), t) == pytest.approx(distance, rel=1e-6)
+        total = float(minimum_time(distance, v, a, "free"))
+        t = np.linspace(0, total, 200_001)
+        assert np.trapezoid(np.minimum(v, a * (total - t)), t) == pytest.approx(distance, rel=1e-6)
+
+
+def test_lower_bound_is_the_slowest_axis():
+    settings = ExpertSettings()
+    start, target = np.array([0.0, 0.1, 0.2, 0.1]), np.array([3.0, 0.0, 0.28, 0.0])
+    assert lower_bound(start, target, settings, "rest") == pytest.approx(3 / 0.8 + 0.8 / 1.5)
+    assert lower_bound(start, target, settings, "free") == pytest.approx(3 / 0.8 + 0.4 / 1.5)
+    assert lower_bound(target, target, settings, "rest") == 0
+
+
+@pytest.mark.parametrize(
+    ("points", "legs"),
+    [([0, 1, 2, 2, 1], [2, 1]), ([0, 0, 0], []), ([1, 0, 0, 3], [1, 3]), ([0.5, 0.2], [0.3])],
+)
+def test_turning_legs(points, legs):
+    assert turning_legs(points) == pytest.approx(legs)
+
+
+def test_route_bound_of_a_detour_counts_both_legs():
+    settings = ExpertSettings(velocity=(0.8, 0.5, 0.3, 1.0), acceleration=(1.5, 1.5, 1.0, 3.0))
+    start, target = np.zeros(4), np.array([0.1, 0.0, 0.0, 0.0])
+    gate = (np.array([-9.0, 1.0, -9.0, -9.0]), np.array([9.0, 9.0, 9.0, 9.0]))
+    duration, objective = route_bounds(start, [gate], target, settings, "rest")
+    assert duration == pytest.approx(2 * (1 / 0.5 + 0.5 / 1.5))
+    # At rest at both ends and in between: the effort of two equal legs is at least 2 * 12 d^2 / (T/2)^3 / a^2.
+    assert objective >= duration + settings.effort_weight * 2 * 12 / (duration / 2) ** 3 / 1.5**2
+    # Arriving slowly on one axis and leaving slowly on another adds up.
+    gates = [(np.array([1.0, 0.0, 0, 0]), np.array([1.0, 0.0, 0, 0]))]
+    duration, _ = route_bounds(start, gates, np.array([1.0, 1.0, 0, 0]), settings, "rest")
+    assert duration == pytest.approx((1 / 0.8 + 0.4 / 1.5) + (1 / 0.5 + 0.25 / 1.5))
+
+
+def test_bounds_stay_below_solved_routes(expert, scene, settings):
+    from agile_jax.expert.regions import make_free_space
+    from agile_jax.expert.routes import find_routes
+    from agile_jax.expert.transcription import build_program, make_arguments, solve_program
+
+    start = np.array([0.6, 0.45, 0.27, 0.2])
+    programs, solved = {}, 0
+    for condition in ("rest", "free"):
+        for route in find_routes(make_free_space(scene, settings, start), start, scene.target, settings, condition):
+            phases = len(route.regions)
+            if phases > 3:
+                continue
+            program = programs.setdefault((phases, condition), build_program(phases, condition, settings))
+            arguments = make_arguments(route, program, start, scene.target, settings)
+            trajectory, objective, success, _ = solve_program(program, arguments)
+            assert success
+            assert route.duration_bound <= trajectory.times[-1] + 1e-6
+            assert route.objective_bound <= objective + 1e-6
+            solved += 1
+    assert solved >= 6

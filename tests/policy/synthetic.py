@@ -1,0 +1,44 @@
+"""Labels of known fields, without the expert."""
+
+import pathlib
+import sys
+
+import numpy as np
+
+from agile_jax.policy import PolicySettings, TrainingSettings, fit_policy, make_policy
+from agile_jax.scene import Scene, SceneSettings, TableSettings, make_scene
+
+VELOCITY = np.array([0.8, 0.5, 0.3, 1.0])
+ACCELERATION = np.array([1.5, 1.5, 1.0, 3.0])
+TARGET = np.array([3.0, 0.0, 0.28, 0.0])
+SMALL = PolicySettings(hidden_layers=(16, 16))
+BRIEF = TrainingSettings(batch_size=64, epochs=8, checkpoint_every=2, learning_rate=1e-2)
+IDENTITY = {"dataset_hash": "synthetic"}
+
+
+def empty_scene() -> Scene:
+    return make_scene(SceneSettings())
+
+
+def table_scene() -> Scene:
+    return make_scene(
+        SceneSettings(obstacles=(TableSettings(kind="table", position=(1.5, 0.0), size=(0.5, 1.0), underside=0.25),))
+    )
+
+
+def smooth_labels(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Poses in bounds and a smooth field on them."""
+    generator = np.random.default_rng(seed)
+    poses = TARGET + generator.uniform(-1, 1, (count, 4)) * [1.5, 1.0, 0.04, 0.3]
+    velocities = 0.5 * np.tanh(TARGET - poses) + 0.1 * np.sin(3 * poses[:, [1, 0, 3, 2]])
+    return poses, velocities
+
+
+def train_small(directory: pathlib.Path, progress=lambda done, total, note: None):
+    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    labels = smooth_labels(500), smooth_labels(100, 1)
+    return policy, fit_policy(policy, *labels, BRIEF, IDENTITY, 3, directory, progress)
+
+
+if __name__ == "__main__":  # the process that test_resumption kills: says when an epoch is done
+    train_small(pathlib.Path(sys.argv[1]), lambda done, total, note: print(done, flush=True))

@@ -1,0 +1,79 @@
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+
+from agile_jax.policy import follow, make_policy
+from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, LOST, STALLED
+
+DT = 0.02
+
+
+def without_network(scene):
+    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+    parameters = policy.init(jax.random.key(0))
+    return policy, parameters._replace(network=jax.tree.map(jnp.zeros_like, parameters.network))
+
+
+def test_braking_law_drives_home_in_the_analytic_time():
+    scene = empty_scene()
+    distances = np.array([2.5, 1.0, 0.3])
+    starts = TARGET - distances[:, None] * [1, 0, 0, 0]
+    policy, parameters = without_network(scene)
+    result = follow(policy, parameters, scene, starts, DT, ACCELERATION, 6.0)
+    assert (result.outcome == ARRIVED).all()
+    # Rest to rest, less the last centimetre that counts as arrived.
+    v, a = VELOCITY[0], ACCELERATION[0]
+    time = np.where(distances > v**2 / a, distances / v + v / a, 2 * np.sqrt(distances / a)) - np.sqrt(2 * 0.01 / a)
+    np.testing.assert_allclose(result.arrival_time, time, rtol=0.05, atol=0.1)
+    assert np.isinf(result.min_clearance).all()
+
+
+def test_all_axes_arrive_together_and_overshoot_nothing():
+    scene = empty_scene()
+    starts = np.random.default_rng(0).uniform([-1, -1.5, 0.15, -1], [2.5, 1.5, 0.31, 1], (50, 4))
+    policy, parameters = without_network(scene)
+    result = follow(policy, parameters, scene, starts, DT, ACCELERATION / 0.92, 10.0)
+    assert (result.outcome == ARRIVED).all()
+    sign = np.sign(starts - TARGET)
+    assert ((result.poses - TARGET) * sign[:, None]).min() > -2e-3
+
+
+def test_acceleration_stays_within_the_limit():
+    scene = empty_scene()
+    policy, parameters = without_network(scene)
+    result = follow(policy, parameters, scene, TARGET[None] - [[2.0, 1.0, 0.05, 0.5]], DT, ACCELERATION, 6.0)
+    # Second differences of the poses are means of two ticks' accelerations.
+    acceleration = np.diff(result.poses[0].astype(np.float64), 2, axis=0) / DT**2
+    assert (np.abs(acceleration) <= ACCELERATION * 1.01 + 3e-3).all()
+
+
+def test_straight_line_through_the_table_is_a_collision_and_touches_by_as_much_as_the_clearance_says():
+    scene = table_scene()
+    policy, parameters = without_network(scene)
+    result = follow(policy, parameters, scene, np.array([[0.0, 0.0, 0.28, 0.0]]), DT, ACCELERATION, 8.0)
+    assert result.outcome[0] == COLLIDED
+    assert result.min_clearance[0] == pytest.approx(0.25 - 0.28 - scene.torso_half_size[2], abs=1e-4)
+    assert np.isfinite(result.arrival_time[0])  # it would have arrived
+
+
+def test_fields_that_stand_still_or_run_away_are_told_apart():
+    scene = empty_scene()
+    policy, parameters = without_network(scene)
+    starts = np.array([[0.0, 0.0, 0.28, 0.0]])
+    stand = policy._replace(velocity=lambda params, pose: jnp.zeros(4))
+    run = policy._replace(velocity=lambda params, pose: jnp.array([0.5, 0.0, 0.0, 0.0]))
+    broken = policy._replace(velocity=lambda params, pose: jnp.full(4, jnp.nan))
+    assert follow(stand, parameters, scene, starts, DT, ACCELERATION, 2.0).outcome[0] == STALLED
+    assert follow(run, parameters, scene, starts, DT, ACCELERATION, 20.0).outcome[0] == LOST
+    assert follow(broken, parameters, scene, starts, DT, ACCELERATION, 2.0).outcome[0] == LOST
+
+
+def test_passing_through_the_target_is_no_arrival():
+    scene = empty_scene()
+    policy, parameters = without_network(scene)
+    through = policy._replace(velocity=lambda params, pose: jnp.array([0.5, 0.0, 0.0, 0.0]))
+    result = follow(through, parameters, scene, TARGET[None] - [[1.0, 0, 0, 0]], DT, None, 6.0)
+    assert result.outcome[0] == LOST
+    assert np.isinf(result.arrival_time[0])

@@ -1,0 +1,142 @@
+import functools
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+
+from agile_jax.policy import PolicySettings, braking_law, make_policy, parameter_count
+from agile_jax.policy.braking import rest_to_rest_time
+from agile_jax.policy.features import face_distances
+from agile_jax.scene import obstacle_clearances
+
+PAPER_LAYERS = (256, 1024, 1024, 1024, 1024, 256)
+
+
+def random_poses(count, seed=0):
+    scene = table_scene()
+    return np.random.default_rng(seed).uniform(scene.lower, scene.upper, (count, 4))
+
+
+def wild(policy, seed=0, size=5.0):
+    """Parameters whose network says anything but something useful."""
+    parameters = policy.init(jax.random.key(seed))
+    return parameters._replace(network=jax.tree.map(lambda leaf: size * leaf + 0.3, parameters.network))
+
+
+def test_paper_network_has_the_papers_number_of_parameters():
+    policy = make_policy(
+        empty_scene(), VELOCITY, ACCELERATION, PolicySettings(kind="plain", hidden_layers=PAPER_LAYERS)
+    )
+    assert parameter_count(jax.eval_shape(policy.init, jax.random.key(0))) == 3_676_676
+
+
+def test_braking_law_stops_each_axis_within_its_bounds_along_a_straight_line():
+    rng = np.random.default_rng(0)
+    error = rng.normal(size=(200, 4)) * [1.0, 0.5, 0.05, 0.5]
+    limits = jnp.asarray(VELOCITY), jnp.asarray(ACCELERATION)
+    law = jax.vmap(lambda e: braking_law(e, *limits, 8.0))(jnp.asarray(error))
+    velocity = np.asarray(law.velocity)
+    cosine = -(velocity * error).sum(-1) / np.linalg.norm(velocity, axis=-1) / np.linalg.norm(error, axis=-1)
+    np.testing.assert_allclose(cosine, 1, atol=1e-5)
+    assert (np.abs(velocity) <= VELOCITY + 1e-6).all()
+    # Within what the remaining distance lets it brake, v^2 = 2 a d, and one axis at the edge of what the law allows.
+    assert (velocity**2 <= 2 * ACCELERATION * np.abs(error) + 1e-6).all()
+    offset = np.abs(error) - ACCELERATION / (2 * 64.0)
+    allowed = np.where(
+        offset > ACCELERATION / 128, np.minimum(VELOCITY, np.sqrt(2 * ACCELERATION * np.abs(offset))), 8 * np.abs(error)
+    )
+    np.testing.assert_allclose((np.abs(velocity) / np.minimum(allowed, VELOCITY)).max(-1), 1, rtol=1e-4)
+
+
+def test_rest_to_rest_time_is_the_trapezoid_or_the_triangle():
+    distance = jnp.array([2.0, 0.1])
+    times = rest_to_rest_time(distance, jnp.full(2, 0.8), jnp.full(2, 1.5))
+    np.testing.assert_allclose(times, [2 / 0.8 + 0.8 / 1.5, 2 * np.sqrt(0.1 / 1.5)], rtol=1e-6)
+
+
+def test_face_distances_agree_with_exact_clearance_beside_a_face():
+    scene = table_scene()
+    pose = np.array([0.5, 0.0, 0.5, 0.4])
+    faces = np.asarray(face_distances(scene, jnp.asarray(pose)))
+    assert faces.shape == (1, 6)
+    np.testing.assert_allclose(faces[0, 1], obstacle_clearances(scene, pose)[0], rtol=1e-5)  # the -x face is nearest
+    below = np.array([1.5, 0.0, 0.15, 0.4])
+    np.testing.assert_allclose(
+        face_distances(scene, jnp.asarray(below))[0, 5], 0.25 - scene.torso_half_size[2] - 0.15, rtol=1e-4
+    )
+
+
+def test_touching_means_all_faces_negative_without_a_turn():
+    scene = table_scene()
+    poses = random_poses(2000)
+    poses[:, 3] = 0
+    faces = np.asarray(jax.vmap(lambda p: face_distances(scene, p))(jnp.asarray(poses)))[:, 0]
+    signed = obstacle_clearances(scene, poses)[:, 0]
+    clear_cut = np.abs(signed) > 1e-5
+    assert ((faces.max(-1) < 0) == (signed < 0))[clear_cut].all()
+    assert (signed < 0).any()
+
+
+@pytest.mark.parametrize("kind", ["plain", "residual"])
+@pytest.mark.parametrize("field_filter", [False, True])
+def test_velocity_is_finite_and_within_limits_everywhere(kind, field_filter):
+    scene = table_scene()
+    settings = PolicySettings(kind=kind, hidden_layers=(16, 16), field_filter=field_filter)
+    policy = make_policy(scene, VELOCITY, ACCELERATION, settings)
+    touching = [[1.5, 0.0, 0.3, 0.0], [1.5, 0.0, 0.5, 0.0], [1.25 - scene.torso_half_size[0], 0.0, 0.28, 0.0]]
+    poses = np.concatenate([random_poses(1000), [TARGET, scene.lower, scene.upper], touching])
+    velocity = np.asarray(jax.jit(jax.vmap(policy.velocity, (None, 0)))(wild(policy), poses))
+    assert np.isfinite(velocity).all()
+    assert (np.abs(velocity) <= VELOCITY * (1 + 1e-5)).all()
+
+
+def test_residual_field_is_a_stable_node_at_the_target_whatever_the_network_says():
+    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    parameters = wild(policy)
+    field = jax.jit(jax.vmap(policy.velocity, (None, 0)))
+    rng = np.random.default_rng(1)
+    error = rng.normal(size=(500, 4))
+    error *= 5e-4 * rng.uniform(0.02, 1, (500, 1)) / np.linalg.norm(error, axis=-1, keepdims=True)
+    velocity = np.asarray(field(parameters, TARGET + error))
+    assert np.abs(field(parameters, TARGET[None])).max() < 1e-5
+    assert ((velocity * error).sum(-1) < 0).all()
+    near = np.abs(error).max(-1) < 5e-5
+    assert near.sum() > 20
+    np.testing.assert_allclose(velocity[near], -8.0 * error[near], atol=3e-5)
+
+
+def test_yaw_is_wrapped():
+    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    parameters = policy.init(jax.random.key(0))
+    velocity = jax.jit(policy.velocity)
+    pose = np.array([0.3, 0.2, 0.26, 0.5])
+    turned = pose + np.array([0, 0, 0, 2 * np.pi])
+    np.testing.assert_allclose(velocity(parameters, pose), velocity(parameters, turned), atol=1e-4)
+
+
+def test_filter_only_takes_away_what_closes_on_the_obstacle_too_fast():
+    scene = table_scene()
+    fast = PolicySettings(kind="plain", hidden_layers=(4,), wall_features=False)
+    forward = np.array([0.8, 0.2, 0.0, 0.0])
+
+    def make(field_filter):
+        policy = make_policy(scene, VELOCITY, ACCELERATION, fast.model_copy(update={"field_filter": field_filter}))
+        parameters = jax.tree.map(jnp.zeros_like, policy.init(jax.random.key(0)))
+        network = parameters.network
+        network["params"]["Dense_1"]["bias"] = jnp.asarray(forward, jnp.float32)
+        parameters = parameters._replace(
+            network=network,
+            normalization=parameters.normalization._replace(std=jnp.ones(4), scale=jnp.ones(4)),
+        )
+        return jax.jit(functools.partial(policy.velocity, parameters))
+
+    free, filtered = make(False), make(True)
+    for gap in (0.3, 0.05, 0.02, 0.011):  # in front of the table, facing it
+        pose = np.array([1.5 - 0.25 - scene.torso_half_size[0] - gap, 0.0, 0.28, 0.0])
+        allowed = np.sqrt(2 * 1.5 * (gap - 0.01))
+        np.testing.assert_allclose(free(pose), forward, atol=1e-6)
+        np.testing.assert_allclose(filtered(pose), [min(0.8, allowed), 0.2, 0, 0], atol=2e-3)
+    behind = np.array([1.5 + 0.25 + scene.torso_half_size[0] + 0.011, 0.0, 0.28, 0.0])
+    np.testing.assert_allclose(filtered(behind), forward, atol=1e-6)

@@ -1,0 +1,125 @@
+import os
+import pathlib
+import shutil
+import signal
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+from synthetic import BRIEF, IDENTITY, SMALL, smooth_labels, train_small
+
+from agile_jax.policy import fit_policy, load_parameters, make_policy
+from agile_jax.policy.checkpoint import restore_checkpoint
+from agile_jax.policy.optimizer import make_optimizer
+from agile_jax.settings import BadInput
+
+
+def final(directory, policy):
+    """Parameters and optimiser state of the last checkpoint."""
+    parameters = policy.init(jax.random.key(0))
+    checkpoint = restore_checkpoint(
+        directory / "checkpoints", parameters, make_optimizer(BRIEF, 64).init(parameters.network)
+    )
+    return checkpoint
+
+
+def assert_same_ending(directory, uninterrupted, policy):
+    ours, theirs = final(directory, policy), final(uninterrupted, policy)
+    assert ours.step == theirs.step == BRIEF.epochs
+    for a, b in zip(jax.tree.leaves(ours[1:3]), jax.tree.leaves(theirs[1:3]), strict=True):
+        assert np.array_equal(a, b)
+    assert (directory / "metrics.jsonl").read_bytes() == (uninterrupted / "metrics.jsonl").read_bytes()
+
+
+def test_killed_training_ends_with_the_same_bits(uninterrupted, tmp_path):
+    """SIGKILL after epoch 5: checkpoints are at 2 and 4, so epoch 5 is done again and its row written again."""
+    script = pathlib.Path(__file__).with_name("synthetic.py")
+    process = subprocess.Popen(
+        [sys.executable, script, tmp_path], stdout=subprocess.PIPE, text=True, env=dict(os.environ)
+    )
+    for line in process.stdout:
+        if int(line) >= 5:
+            process.send_signal(signal.SIGKILL)
+            break
+    assert process.wait(60) == -signal.SIGKILL
+    process.stdout.close()
+    with open(tmp_path / "metrics.jsonl", "a") as file:
+        file.write('{"epoch": 6, "lear')  # a torn line
+    policy, _ = train_small(tmp_path)
+    assert_same_ending(tmp_path, uninterrupted, policy)
+
+
+@pytest.mark.parametrize(
+    "fault", ["flipped bit", "truncated", "deleted", "no integrity.json", "garbled integrity.json"]
+)
+def test_damaged_checkpoint_is_set_aside_and_the_one_before_used(fault, uninterrupted, tmp_path, capsys):
+    shutil.copytree(uninterrupted, tmp_path / "copy")
+    directory = tmp_path / "copy"
+    step = directory / "checkpoints" / "8"
+    array = max((step / "parameters").rglob("*"), key=lambda path: path.stat().st_size if path.is_file() else 0)
+    data = bytearray(array.read_bytes())
+    if fault == "flipped bit":
+        data[len(data) // 2] ^= 1
+        array.write_bytes(data)
+    elif fault == "truncated":
+        array.write_bytes(data[: len(data) // 2])
+    elif fault == "deleted":
+        array.unlink()
+    elif fault == "no integrity.json":
+        (step / "integrity.json").unlink()
+    else:
+        (step / "integrity.json").write_bytes((step / "integrity.json").read_bytes()[:-40])
+    policy, _ = train_small(directory)
+    said = capsys.readouterr().out
+    assert said.count("\n") == 1
+    assert "set aside" in said
+    assert str(step) in said
+    assert (directory / "checkpoints" / "8.damaged").is_dir()
+    assert_same_ending(directory, uninterrupted, policy)
+
+
+def test_without_a_sound_checkpoint_training_begins_anew_and_loading_is_refused(uninterrupted, tmp_path, capsys):
+    shutil.copytree(uninterrupted, tmp_path / "copy")
+    directory = tmp_path / "copy"
+    for file in directory.glob("checkpoints/*/integrity.json"):
+        file.write_text("{}")
+    policy = make_policy_of_tests()
+    with pytest.raises(BadInput, match="holds no sound checkpoint"):
+        load_parameters(directory, policy)
+    assert len(capsys.readouterr().out.splitlines()) == 2
+    train_small(directory)
+    assert_same_ending(directory, uninterrupted, policy)
+
+
+def make_policy_of_tests():
+    from synthetic import ACCELERATION, VELOCITY, table_scene
+
+    return make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+
+
+def test_checkpoint_of_other_settings_is_refused_with_the_difference(uninterrupted):
+    policy = make_policy_of_tests()
+    labels = smooth_labels(500), smooth_labels(100, 1)
+    faster = BRIEF.model_copy(update={"learning_rate": 0.02})
+    with pytest.raises(BadInput, match=r"training\.learning_rate was 0\.01, is 0\.02"):
+        fit_policy(policy, *labels, faster, IDENTITY, 3, uninterrupted)
+    with pytest.raises(BadInput, match=r'dataset_hash was "synthetic", is "other"'):
+        fit_policy(policy, *labels, BRIEF, {"dataset_hash": "other"}, 3, uninterrupted)
+    with pytest.raises(BadInput, match="seed was 3, is 4"):
+        fit_policy(policy, *labels, BRIEF, IDENTITY, 4, uninterrupted)
+
+
+def test_checkpoint_of_another_network_is_refused(uninterrupted):
+    from synthetic import ACCELERATION, VELOCITY, table_scene
+
+    wider = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL.model_copy(update={"hidden_layers": (16, 17)}))
+    with pytest.raises(BadInput, match="another network"):
+        load_parameters(uninterrupted, wider)
+
+
+def test_only_the_last_checkpoints_are_kept_each_with_its_integrity(uninterrupted):
+    steps = sorted(path.name for path in (uninterrupted / "checkpoints").iterdir())
+    assert steps == ["6", "8"]
+    assert len(list(uninterrupted.glob("checkpoints/**/integrity.json"))) == 2

@@ -1,0 +1,94 @@
+"""The points of a grid: identity, validation, metric."""
+
+import pathlib
+
+import pytest
+
+from agile_jax.experiment import Experiment, experiment_hash, with_overrides
+from agile_jax.files import write_json
+from agile_jax.settings import BadInput
+from agile_jax.sweep.settings import SweepSettings
+from agile_jax.sweep.trials import Trial, best, make_trials, read_metric, stages_for, table
+
+SPACE = {"training.learning_rate": [0.1, 0.2], "seed": [0, 1, 2]}
+
+
+def sweep(space: dict | None = None, **settings: object) -> Experiment:
+    return with_overrides(Experiment(name="s"), {"sweep": {"space": space or SPACE, **settings}}, "test")
+
+
+def test_the_grid_is_the_product() -> None:
+    trials = make_trials(sweep(), pathlib.Path("runs/s"))
+    points = [(trial.values["training.learning_rate"], trial.values["seed"]) for trial in trials]
+    assert points == [(0.1, 0), (0.1, 1), (0.1, 2), (0.2, 0), (0.2, 1), (0.2, 2)]
+    for trial in trials:
+        assert trial.experiment.training.learning_rate == trial.values["training.learning_rate"]
+        assert trial.experiment.sweep is None
+        assert trial.hash == experiment_hash(trial.experiment)
+        assert trial.run_dir == pathlib.Path("runs/s/trials") / trial.hash[:12]
+
+
+def test_identity_is_what_a_trial_is_and_not_where_it_stands() -> None:
+    few = {trial.hash for trial in make_trials(sweep({"seed": [1, 2]}), pathlib.Path())}
+    many = {trial.hash for trial in make_trials(sweep({"seed": [3, 2, 1]}, metric="training.test_mse"), pathlib.Path())}
+    assert few < many
+    # 0 is the default: a point equal to the base experiment is the base experiment
+    assert make_trials(sweep({"seed": [0]}), pathlib.Path())[0].hash == experiment_hash(Experiment(name="other"))
+    assert len(make_trials(sweep({"seed": [1, 1]}), pathlib.Path())) == 1
+
+
+def test_all_bad_points_are_named_at_once() -> None:
+    with pytest.raises(BadInput) as caught:
+        make_trials(sweep({"training.learning_rate": [0.1, -1.0], "expert.nods": [10], "seed": [-1]}), pathlib.Path())
+    text = str(caught.value)
+    assert "sweep.space: training.learning_rate = -1.0" in text
+    assert "expert.nods: unknown key; did you mean expert.nodes?" in text
+    assert "seed = -1" in text
+    assert len(text.splitlines()) == 3
+
+
+def test_a_nested_table_means_the_dotted_key() -> None:
+    nested = SweepSettings.model_validate({"space": {"training": {"learning_rate": [1.0]}}})
+    assert nested.space == {"training.learning_rate": (1.0,)}
+
+
+def test_a_trial_runs_as_far_as_its_metric_needs() -> None:
+    for metric, stages in (
+        ("dataset.trajectories", ("dataset",)),
+        ("training.validation_mse", ("dataset", "training")),
+        ("evaluation.mujoco.success_rate", ("dataset", "training", "evaluation")),
+    ):
+        assert stages_for(SweepSettings(metric=metric, space={"seed": (1,)})) == stages
+
+
+def test_metrics_are_finite_numbers_or_a_reason(tmp_path: pathlib.Path) -> None:
+    write_json(tmp_path / "evaluation/mujoco.json", {"success_rate": 0.5, "failures": {"fall": 2}, "nothing": None})
+
+    def read(key: str) -> float | str:
+        return read_metric(SweepSettings(metric=f"evaluation.mujoco.{key}", space={"seed": (1,)}), tmp_path)
+
+    assert read("success_rate") == 0.5
+    assert read("failures.fall") == 2.0
+    assert "which cannot be compared" in str(read("nothing"))
+    assert "it has success_rate" in str(read("succes_rate")).replace("failures, nothing, ", "")
+    assert "has no seconds" in str(
+        read_metric(SweepSettings(metric="training.seconds", space={"seed": (1,)}), tmp_path)
+    )
+
+
+def test_the_best_and_the_table() -> None:
+    experiment = sweep({"seed": [1, 2, 3]})
+    trials = make_trials(experiment, pathlib.Path())
+    values: list[Trial] = [
+        trials[0]._replace(status="done", metric=2.0),
+        trials[1]._replace(status="done", metric=1.0),
+        trials[2]._replace(status="failed", cause="no luck"),
+    ]
+    assert experiment.sweep is not None
+    assert best(experiment.sweep, values) == values[1]
+    upwards = experiment.sweep.model_copy(update={"direction": "maximize"})
+    assert best(upwards, values) == values[0]
+    assert best(upwards, trials) is None
+    lines = table(experiment, values).splitlines()
+    assert [line[0] for line in lines] == [" ", " ", "*", " "]
+    assert "failed: no luck" in lines[3]

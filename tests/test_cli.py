@@ -1,0 +1,274 @@
+"""The command line: exit codes, one clear message for bad input, nothing written, signals."""
+
+import json
+import os
+import pathlib
+import resource
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+
+import pytest
+
+from agile_jax.cli import COMMANDS, main
+
+BASE = pathlib.Path(__file__).parents[1] / "experiments" / "base.toml"
+FILES = {
+    "good.toml": "",
+    "typo.toml": "[training]\nepoch = 3",
+    "negative.toml": "[[scene.obstacles]]\nkind = 'table'\nposition = [1.5, 0.0]\nsize = [-0.5, 1.0]\nunderside = 0.25",
+    "nan.toml": "[training]\nlearning_rate = nan",
+    "inside.toml": "[scene]\ntarget = [1.5, 0.0, 0.28, 0.0]",
+    "type.toml": "[training]\nepochs = 'many'",
+}
+SMALL = ["--expert.trajectories", "4", "--expert.shard-size", "1", "--expert.nodes", "20", "--engine", "inline"]
+
+
+@pytest.fixture
+def folder(tmp_path: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> pathlib.Path:
+    """The working directory of a test, with experiment files in it."""
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        (tmp_path / name).write_text(f'extends = "{BASE}"\nname = "n"\n{text}\n')
+    (tmp_path / "circle.toml").write_text('extends = "circle.toml"')
+    return tmp_path
+
+
+@pytest.fixture
+def call(capsys: pytest.CaptureFixture[str]) -> Callable[..., tuple[int, str, str]]:
+    def call(*arguments: str) -> tuple[int, str, str]:
+        try:
+            code = main(arguments)
+        except SystemExit as ended:  # tyro ends so after --help and for unknown options
+            code = int(ended.code or 0)
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return call
+
+
+Call = Callable[..., tuple[int, str, str]]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "part"),
+    [
+        (["run", "typo.toml"], "typo.toml: training.epoch: unknown key; did you mean training.epochs?"),
+        (["run", "negative.toml"], "negative.toml: scene.obstacles.0.size.0 = -0.5: input should be greater than 0"),
+        (["run", "nan.toml"], "nan.toml: training.learning_rate = nan: must be a finite number"),
+        (
+            ["expert", "inside.toml"],
+            "inside.toml: scene: target = [1.5, 0.0, 0.28, 0.0] puts the torso inside an obstacle",
+        ),
+        (["train", "type.toml"], "type.toml: training.epochs = 'many': input should be a valid integer"),
+        (["run", "god.toml"], "god.toml: no such file; did you mean good.toml?"),
+        (["run", "circle.toml"], "goes round in a circle"),
+        (["run", "."], ".: is a folder"),
+        (["run"], "which experiment? usage: agile run EXPERIMENT.toml"),
+        (["runn", "good.toml"], "runn: unknown command; did you mean `agile run`?"),
+        (["run", "good.toml", "--training.epoch", "3"], "--training.epochs INT"),
+        (["run", "good.toml", "--training.epochs", "3.5"], "--training.epochs"),
+        (["run", "good.toml", "--training.epochs"], "--training.epochs"),
+        (
+            ["run", "good.toml", "--training.epochs", "-3"],
+            "command line: training.epochs = -3: input should be greater",
+        ),
+        (
+            ["run", "good.toml", "--training.learning-rate", "nan"],
+            "command line: training.learning_rate = nan: must be",
+        ),
+        (["run", "good.toml", "--policy.kind", "plian"], "plian"),
+        (["run", "good.toml", "--scene.target", "1.5", "0", "0.28", "0"], "puts the torso inside an obstacle"),
+        (
+            ["run", "good.toml", "--engine", "pigeon"],
+            'engine address "pigeon" is none of "local", "inline", "tcp://host:port"',
+        ),
+        (["run", "good.toml", "--workers", "0"], "workers = 0 must be at least 1"),
+        (["sweep", "good.toml"], "no [sweep] table"),
+        (["plan", "good.toml"], "--start"),
+        (["plan", "good.toml", "--start", "1.5", "0", "0.28", "0"], "puts the torso inside obstacle 0"),
+        (["plan", "good.toml", "--start", "0", "0", "9", "0"], "start z = 9 m is outside its bounds"),
+        (["plan", "good.toml", "--start", "0", "0", "nan", "0"], "finite"),
+        (["rollout", "nowhere", "--start", "0", "0", "0.28", "0"], "nowhere: no such run directory"),
+        (["rollout", ".", "--start", "0", "0", "0.28", "0"], "experiment.toml: no such file"),
+        (["rollout"], "which run directory?"),
+        (["schema", "x"], "takes no arguments"),
+    ],
+    ids=lambda value: " ".join(value) if isinstance(value, list) else "",
+)
+def test_bad_input(arguments: list[str], part: str, folder: pathlib.Path, call: Call) -> None:
+    before = sorted(folder.rglob("*"))
+    code, out, err = call(*arguments)
+    assert code == 2
+    assert out == ""
+    assert part in " ".join(err.split()).replace(" │ │ ", " ")
+    assert "Traceback" not in err
+    assert err.count("agile: ") + err.count("For full helptext") == 1  # one message, ours or tyro's
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_help_is_everywhere(folder: pathlib.Path, call: Call) -> None:
+    code, out, _ = call("--help")
+    assert code == 0
+    assert all(f"agile {name}" in out for name in COMMANDS)
+    for name in COMMANDS:
+        code, out, _ = call(name, "--help")
+        assert code == 0
+        assert f"usage: agile {name}" in out
+    code, out, _ = call("run", "good.toml", "--help")
+    assert "--scene.obstacles.0.underside" in out  # the file's table
+    assert call()[0] == 2
+
+
+def test_the_version(call: Call) -> None:
+    assert call("--version")[1].startswith("agile_jax 0.")
+
+
+def test_the_schema_is_json(call: Call) -> None:
+    code, out, _ = call("schema")
+    assert code == 0
+    assert {"name", "extends", "scene", "sweep"} <= set(json.loads(out)["properties"])
+
+
+def test_a_dry_run_writes_nothing(folder: pathlib.Path, call: Call) -> None:
+    before = sorted(folder.rglob("*"))
+    code, out, _ = call("run", "good.toml", "--dry-run")
+    assert code == 0
+    assert [line.split()[0] for line in out.splitlines()[1:]] == ["dataset", "training", "evaluation", "report"]
+    assert "runs/n" in out
+    assert sorted(folder.rglob("*")) == before
+
+
+def test_options_may_come_first_and_in_either_spelling(folder: pathlib.Path, call: Call) -> None:
+    code, out, _ = call("run", "--dry-run", "--seed", "4", "--training.learning_rate", "0.1", "good.toml")
+    assert code == 0
+    assert "will be made" in out
+
+
+def test_expert_runs_and_is_reused_and_refused(folder: pathlib.Path, call: Call) -> None:
+    code, out, err = call("expert", "good.toml", *SMALL)
+    assert code == 0
+    assert "dataset" in out
+    assert "made" in out
+    assert "trajectories 4" in out
+    assert "4/4 (100 %)" in err
+    code, out, _ = call("expert", "good.toml", *SMALL)
+    assert code == 0
+    assert "reused" in out
+    code, _, err = call("expert", "good.toml", *SMALL, "--expert.nodes", "25")
+    assert code == 2
+    assert "expert.nodes: 20 there, 25 asked for" in err
+    code, out, _ = call("expert", "good.toml", *SMALL, "--expert.nodes", "25", "--overwrite", "--dry-run")
+    assert code == 0
+    assert "moved aside" in out
+    code, _, err = call("rollout", "runs/n", "--start", "0", "0", "0.28", "0")
+    assert code == 2
+    assert "training is not finished" in err
+
+
+def test_plan_prints_and_draws(folder: pathlib.Path, call: Call) -> None:
+    start = ["--start", "-0.5", "0", "0.28", "0"]
+    code, out, _ = call("plan", "good.toml", *start, "--output", "deep/plan.png", "--expert.nodes", "40")
+    assert code == 0
+    numbers = {line[:14].strip(): line[14:] for line in out.splitlines()}
+    # x is the slowest axis: 3.5 m at 0.8 m/s, speeding up and braking at 1.5 m/s^2
+    assert float(numbers["duration"].split()[0]) == pytest.approx(3.5 / 0.8 + 0.8 / 1.5, rel=2e-3)
+    assert numbers["branch"] == "under"
+    assert (folder / "deep/plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_a_run_dir_that_cannot_be_is_one_line(folder: pathlib.Path, call: Call) -> None:
+    (folder / "file").touch()
+    code, _, err = call("expert", "good.toml", *SMALL, "--run-dir", "file/run")
+    assert code == 1
+    assert err.startswith("agile: file")
+    assert len(err.splitlines()) == 1
+
+
+def agile(*arguments: str, **options: object) -> subprocess.Popen[str]:
+    command = [sys.executable, "-m", "agile_jax.cli", *arguments]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, **options)  # type: ignore[call-overload,no-any-return]
+
+
+def test_a_full_disk_is_one_line_and_the_run_goes_on_later(folder: pathlib.Path) -> None:
+    def small_files() -> None:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (6000, 6000))
+
+    process = agile("expert", "good.toml", *SMALL, preexec_fn=small_files)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 1
+    assert "Traceback" not in err
+    assert "agile: " in err
+    assert "File too large" in err
+    assert not (folder / "runs/n/dataset/summary.json").exists()
+    process = agile("expert", "good.toml", *SMALL)
+    out, _ = process.communicate(timeout=60)
+    assert process.returncode == 0
+    assert "trajectories 4" in out
+
+
+@pytest.mark.parametrize(
+    ("number", "code", "word"), [(signal.SIGTERM, 143, "terminated"), (signal.SIGINT, 130, "interrupted")]
+)
+def test_signals_end_cleanly_with_the_children(
+    number: signal.Signals, code: int, word: str, folder: pathlib.Path
+) -> None:
+    many = ["--expert.trajectories", "100000", "--expert.shard-size", "2", "--expert.nodes", "20", "--workers", "1"]
+    process = agile("expert", "good.toml", *many)
+    deadline = time.monotonic() + 60
+    while not list(folder.glob("runs/n/dataset/shard-*")) and time.monotonic() < deadline:
+        time.sleep(0.05)
+    children = descendants(process.pid)
+    assert children  # the worker
+    process.send_signal(number)
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == code
+    assert err.splitlines()[-1] == f"agile: {word}; the same command goes on where this one stopped"
+    assert "Traceback" not in err
+    deadline = time.monotonic() + 10
+    while any(alive(child) for child in children) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(alive(child) for child in children)
+
+
+def descendants(pid: int) -> list[int]:
+    """All processes below one (Linux)."""
+    found = []
+    for path in pathlib.Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = path.read_text().rpartition(")")[2].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid:
+            child = int(path.parent.name)
+            found += [child, *descendants(child)]
+    return found
+
+
+def alive(pid: int) -> bool:
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def test_a_reader_that_leaves_is_no_error(folder: pathlib.Path) -> None:
+    process = agile("schema")
+    assert process.stdout is not None
+    process.stdout.readline()
+    process.stdout.close()
+    assert process.wait(30) == 0
+    assert process.stderr is not None
+    assert process.stderr.read() == ""
+
+
+def test_the_light_commands_load_no_jax(folder: pathlib.Path) -> None:
+    for arguments in (["--help"], ["schema"], ["run", "good.toml", "--dry-run"]):
+        program = (
+            "import sys\nfrom agile_jax.cli import main\n"
+            f"assert main({arguments!r}) == 0\n"
+            "assert not {'jax', 'mujoco', 'matplotlib', 'casadi'} & set(sys.modules)"
+        )
+        subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL, env=dict(os.environ))

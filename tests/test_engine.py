@@ -1,0 +1,149 @@
+"""The engine: same results everywhere, failures named, dead workers replaced, workers without JAX."""
+
+import os
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+
+import pytest
+
+from agile_jax.engine import TaskFailure, open_engine
+from agile_jax.settings import BadInput
+
+
+def square(x):
+    return x * x
+
+
+def refuse_three(x):
+    if x == 3:
+        raise ValueError("three is\nnot allowed")
+    return x
+
+
+def loaded_modules(_):
+    import agile_jax.dataset
+    import agile_jax.expert  # noqa: F401
+
+    return [name for name in ("jax", "jaxlib", "mujoco", "flax") if name in sys.modules]
+
+
+def thread_settings(_):
+    return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
+
+
+def die_once(task):
+    index, folder = task
+    marker = pathlib.Path(folder) / "died"
+    if index == 2 and not marker.exists():
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return index
+
+
+def always_die(index):
+    if index == 1:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return index
+
+
+@pytest.fixture(scope="module")
+def local():
+    with open_engine("local", workers=2) as engine:
+        yield engine
+
+
+def test_inline_and_local_give_the_same(local):
+    with open_engine("inline") as inline:
+        assert list(inline.map(square, range(10))) == [(i, i * i) for i in range(10)]
+    assert sorted(local.map(square, range(10))) == [(i, i * i) for i in range(10)]
+    assert local.workers == 2
+    assert list(local.map(square, [])) == []
+
+
+def test_exceptions_become_failures(local):
+    with open_engine("inline") as inline:
+        for engine in (inline, local):
+            results = dict(engine.map(refuse_three, range(6)))
+            assert results.pop(3) == TaskFailure(3, "ValueError: three is not allowed")
+            assert results == {i: i for i in (0, 1, 2, 4, 5)}
+
+
+def test_workers_load_no_jax_and_run_one_thread(local):
+    assert dict(local.map(loaded_modules, range(4))) == {i: [] for i in range(4)}
+    assert set(dict(local.map(thread_settings, range(2))).values()) == {("1", "1")}
+
+
+def test_remote_scheduler(local):
+    address = local._client.scheduler.address
+    with open_engine(address) as remote:
+        assert remote.workers == 2
+        assert sorted(remote.map(square, range(4))) == [(i, i * i) for i in range(4)]
+
+
+def test_worker_killed_once_costs_nothing(local, tmp_path):
+    assert sorted(local.map(die_once, [(i, str(tmp_path)) for i in range(5)])) == [(i, i) for i in range(5)]
+    assert (tmp_path / "died").exists()
+
+
+def test_task_that_always_kills_its_worker_fails_alone(local):
+    results = dict(local.map(always_die, range(5)))
+    failure = results.pop(1)
+    assert isinstance(failure, TaskFailure)
+    assert failure.index == 1
+    assert "KilledWorker" in failure.cause
+    assert results == {i: i for i in (0, 2, 3, 4)}
+
+
+@pytest.mark.parametrize("address", ["nowhere", "http://x", "tcp://127.0.0.1:1"])
+def test_bad_addresses_are_refused(address):
+    with pytest.raises(BadInput, match="engine address"), open_engine(address):
+        pass
+
+
+def test_no_workers_is_refused():
+    with pytest.raises(BadInput, match="at least 1"), open_engine("local", workers=0):
+        pass
+
+
+SCRIPT = """
+import os, sys, time
+from agile_jax.engine import open_engine
+
+def slow(i):
+    print("worker", os.getpid(), flush=True)
+    time.sleep(60)
+
+if __name__ == "__main__":
+    with open_engine("local", workers=2) as engine:
+        list(engine.map(slow, range(2)))
+"""
+
+
+@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGKILL])
+def test_interrupted_or_killed_driver_leaves_no_process(tmp_path, sent):
+    script = tmp_path / "driver.py"
+    script.write_text(SCRIPT)
+    process = subprocess.Popen(
+        [sys.executable, str(script)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    assert process.stdout is not None
+    workers = [int(process.stdout.readline().split()[1]) for _ in range(2)]
+    if sent == signal.SIGINT:
+        os.killpg(process.pid, sent)  # as a terminal does
+    else:
+        process.kill()
+    process.wait(30)
+    deadline = time.monotonic() + 20
+    while any(map(alive, workers)) and time.monotonic() < deadline:
+        time.sleep(0.1)
+    assert not any(map(alive, workers))
+
+
+def alive(pid):
+    try:
+        return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except FileNotFoundError:
+        return False

@@ -1,0 +1,195 @@
+"""The pipeline's bookkeeping, with a real (small) dataset stage: reuse, refusal, moving aside, locks, kills."""
+
+import fcntl
+import json
+import pathlib
+import signal
+import subprocess
+import sys
+import time
+from typing import Any
+
+import pytest
+
+from agile_jax import pipeline
+from agile_jax.experiment import Experiment, load_experiment, with_overrides
+from agile_jax.files import write_json
+from agile_jax.run_directory import locked, record_hash, stage_paths, stage_state, write_record
+from agile_jax.settings import BadInput
+
+SMALL = {
+    "expert.trajectories": 12,
+    "expert.shard_size": 2,
+    "expert.nodes": 20,
+    "expert.initial_velocity": "free",
+}
+
+
+@pytest.fixture(scope="module")
+def experiment() -> Experiment:
+    base = pathlib.Path(__file__).parents[1] / "experiments" / "base.toml"
+    return load_experiment(base, SMALL)
+
+
+@pytest.fixture(scope="module")
+def finished(experiment: Experiment, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """A run directory whose dataset is done. Tests leave it as it is."""
+    run_dir = tmp_path_factory.mktemp("runs") / "finished"
+    result = pipeline.run(experiment, run_dir, ("dataset",), engine="inline")["dataset"]
+    assert not result.reused
+    assert result.summary["trajectories"] == 12
+    return run_dir
+
+
+def snapshot(folder: pathlib.Path) -> dict[str, tuple[int, bytes]]:
+    return {
+        str(path.relative_to(folder)): (path.stat().st_mtime_ns, path.read_bytes())
+        for path in sorted(folder.rglob("*"))
+        if path.is_file()
+    }
+
+
+def test_a_run_directory_tells_what_it_is(experiment: Experiment, finished: pathlib.Path) -> None:
+    assert load_experiment(finished / "experiment.toml") == experiment
+    environment = json.loads((finished / "environment.json").read_text())
+    assert environment["packages"]["casadi"]
+    assert environment["seed"] == experiment.seed
+    record = json.loads((finished / "dataset/stage.json").read_text())
+    assert record["stage"] == "dataset"
+    assert record["hash"] == environment["stage_hashes"]["dataset"]
+    assert record["settings"]["expert"]["nodes"] == 20
+
+
+def test_the_second_time_nothing_is_done(experiment: Experiment, finished: pathlib.Path) -> None:
+    before = snapshot(finished / "dataset")
+    result = pipeline.run(experiment, finished, ("dataset",), engine="tcp://127.0.0.1:1")["dataset"]
+    assert result.reused
+    assert snapshot(finished / "dataset") == before
+
+
+def test_other_settings_are_refused_with_every_difference(experiment: Experiment, finished: pathlib.Path) -> None:
+    before = snapshot(finished)
+    other = with_overrides(experiment, {"expert.nodes": 30, "seed": 7, "training.epochs": 1}, "test")
+    with pytest.raises(BadInput) as caught:
+        pipeline.run(other, finished, engine="inline")
+    text = str(caught.value)
+    assert "expert.nodes: 20 there, 30 asked for" in text
+    assert "seed: 0 there, 7 asked for" in text
+    assert "training" not in text  # the dataset does not depend on it
+    assert "--run-dir" in text
+    assert "--overwrite" in text
+    assert snapshot(finished) == before
+
+
+def test_overwrite_moves_the_old_folders_aside(experiment: Experiment, tmp_path: pathlib.Path) -> None:
+    few = with_overrides(experiment, {"expert.trajectories": 1}, "test")
+    pipeline.run(few, tmp_path, ("dataset",), engine="inline")
+    old = (tmp_path / "dataset/manifest.json").read_bytes()
+    write_json(tmp_path / "evaluation/mujoco.json", {"of": "the old policy"})
+    for number, seed in enumerate((1, 2), start=1):
+        other = with_overrides(few, {"seed": seed}, "test")
+        pipeline.run(other, tmp_path, ("dataset",), engine="inline", overwrite=True)
+        assert (tmp_path / f"dataset.old-{number}").is_dir()
+    assert (tmp_path / "dataset.old-1/manifest.json").read_bytes() == old
+    assert (tmp_path / "evaluation.old-1/mujoco.json").exists()
+    assert not (tmp_path / "evaluation").exists()
+
+
+def test_bad_input_writes_nothing(experiment: Experiment, tmp_path: pathlib.Path) -> None:
+    for arguments in ({"engine": "carrier-pigeon"}, {"engine": "inline", "workers": 0}):
+        with pytest.raises(BadInput):
+            pipeline.run(experiment, tmp_path / "run", ("dataset",), **arguments)  # type: ignore[arg-type]
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_folder_without_record_is_not_taken_for_a_result(experiment: Experiment, tmp_path: pathlib.Path) -> None:
+    (tmp_path / "dataset").mkdir()
+    assert stage_state(tmp_path, experiment, "dataset") == "new"
+    (tmp_path / "dataset/.stage.json.abc.tmp").touch()  # what a kill during the very first write leaves
+    assert stage_state(tmp_path, experiment, "dataset") == "new"
+    (tmp_path / "dataset/thesis.txt").touch()
+    with pytest.raises(BadInput, match="nothing tells with which settings"):
+        pipeline.run(experiment, tmp_path, ("dataset",), engine="inline")
+    (tmp_path / "dataset/stage.json").write_text('{"hash": ')
+    with pytest.raises(BadInput, match="nothing tells with which settings"):
+        pipeline.run(experiment, tmp_path, ("dataset",), engine="inline")
+
+
+def test_a_torn_summary_is_not_done(experiment: Experiment, finished: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    write_record(tmp_path, experiment, "dataset")
+    for text, state in (("", "begun"), ('{"trajec', "begun"), ("[]", "begun"), ("{}", "done")):
+        (tmp_path / "dataset/summary.json").write_text(text)
+        assert stage_state(tmp_path, experiment, "dataset") == state
+
+
+def test_evaluations_stand_side_by_side(experiment: Experiment, tmp_path: pathlib.Path) -> None:
+    mjx = with_overrides(experiment, {"evaluation.backend": "mjx"}, "test")
+    write_json(stage_paths(tmp_path, experiment, "evaluation").summary, {})
+    write_record(tmp_path, experiment, "evaluation")
+    assert stage_state(tmp_path, experiment, "evaluation") == "done"
+    assert stage_state(tmp_path, mjx, "evaluation") == "new"
+    more = with_overrides(experiment, {"evaluation.episodes": 99}, "test")
+    assert stage_state(tmp_path, more, "evaluation") == "new"  # made anew, not refused
+    assert [path.name for path in (tmp_path / "evaluation").glob("*.json")] == ["mujoco.json"]
+
+
+def test_a_report_is_made_anew_when_a_result_changes(experiment: Experiment, tmp_path: pathlib.Path) -> None:
+    write_json(tmp_path / "evaluation/mujoco.json", {"success_rate": 0.5})
+    (tmp_path / "report.html").write_text("<html>")
+    write_record(tmp_path, experiment, "report")
+    assert stage_state(tmp_path, experiment, "report") == "done"
+    first = record_hash(tmp_path, experiment, "report")
+    write_json(tmp_path / "evaluation/mjx.json", {"success_rate": 0.5})
+    assert record_hash(tmp_path, experiment, "report") != first
+    assert stage_state(tmp_path, experiment, "report") == "new"
+
+
+def test_one_process_at_a_time(experiment: Experiment, tmp_path: pathlib.Path) -> None:
+    program = (
+        "import pathlib, sys, time\nfrom agile_jax.run_directory import locked\n"
+        "with locked(pathlib.Path(sys.argv[1])):\n    print('held', flush=True)\n    time.sleep(60)"
+    )
+    holder = subprocess.Popen([sys.executable, "-c", program, str(tmp_path)], stdout=subprocess.PIPE, text=True)
+    try:
+        assert holder.stdout is not None
+        assert holder.stdout.readline() == "held\n"
+        with pytest.raises(BadInput, match=rf"another process \(pid {holder.pid}\) is at work here"):
+            pipeline.run(experiment, tmp_path, ("dataset",), engine="inline")
+        assert not (tmp_path / "dataset").exists()
+    finally:
+        holder.kill()
+        holder.wait()
+    with locked(tmp_path), open(tmp_path / ".lock") as file, pytest.raises(BlockingIOError):  # a kill freed it
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def test_failures_are_named() -> None:
+    def result(summary: dict[str, Any]) -> dict[str, pipeline.StageResult]:
+        return {"dataset": pipeline.StageResult("dataset", False, pathlib.Path(), summary)}
+
+    assert pipeline.failures(result({"unverified": 0})) == []
+    assert "3 trajectories" in pipeline.failures(result({"unverified": 3}))[0]
+    assert pipeline.failures({}) == []
+
+
+def test_killed_and_resumed_is_bit_for_bit_the_same(
+    experiment: Experiment, finished: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    command = [sys.executable, "-m", "agile_jax.cli", "expert", str(finished / "experiment.toml"), "--engine", "inline"]
+    command += ["--run-dir", str(tmp_path / "run")]
+    shards = tmp_path / "run" / "dataset"
+    process = subprocess.Popen(command, stderr=subprocess.DEVNULL, stdout=subprocess.DEVNULL)
+    deadline = time.monotonic() + 60
+    while not list(shards.glob("shard-*.npz")) and time.monotonic() < deadline:
+        time.sleep(0.01)
+    process.send_signal(signal.SIGKILL)
+    assert process.wait() == -signal.SIGKILL
+    assert not (shards / "summary.json").exists()
+    assert stage_state(tmp_path / "run", experiment, "dataset") == "begun"
+    assert subprocess.run(command, capture_output=True).returncode == 0
+    for path in sorted(finished.glob("dataset/shard-*.npz")):
+        assert (shards / path.name).read_bytes() == path.read_bytes()
+    hashes = [
+        json.loads((folder / "summary.json").read_text())["dataset_hash"] for folder in (shards, finished / "dataset")
+    ]
+    assert hashes[0] == hashes[1]

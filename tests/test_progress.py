@@ -1,0 +1,64 @@
+"""What progress shows, and how often."""
+
+import io
+
+import pytest
+
+from agile_jax.progress import duration, plain_lines, shown
+
+
+def test_plain_lines_are_limited_and_tell_the_time_left() -> None:
+    now = 0.0
+    stream = io.StringIO()
+    progress = plain_lines(stream, period=10.0, clock=lambda: now)
+    for done in range(101):
+        progress(done, 100, "dataset: trajectories")
+        now += 1.0
+    lines = stream.getvalue().splitlines()
+    assert lines[0] == "dataset: trajectories 0/100 (0 %)"
+    assert lines[1] == "dataset: trajectories 10/100 (10 %), 1 min 30 s left"
+    assert lines[-1] == "dataset: trajectories 100/100 (100 %)"
+    assert len(lines) == 11
+
+
+def test_each_work_has_its_own_clock_and_resumed_work_its_own_rate() -> None:
+    now = 0.0
+    stream = io.StringIO()
+    progress = plain_lines(stream, period=5.0, clock=lambda: now)
+    progress(80, 100, "a: resumed")
+    progress(0, 0, "b: no total")
+    now = 10.0
+    progress(90, 100, "a: resumed")
+    assert stream.getvalue().splitlines() == [
+        "a: resumed 80/100 (80 %)",
+        "b: no total",
+        "a: resumed 90/100 (90 %), 10 s left",  # ten in ten seconds, not ninety
+    ]
+
+
+def test_a_closed_reader_does_not_end_the_work() -> None:
+    class Closed(io.StringIO):
+        def write(self, text: str) -> int:
+            raise BrokenPipeError
+
+    plain_lines(Closed())(1, 2, "work")
+
+
+def test_a_terminal_gets_a_bar() -> None:
+    class Terminal(io.StringIO):
+        def isatty(self) -> bool:
+            return True
+
+    stream = Terminal()
+    with shown(stream) as progress:
+        progress(1, 4, "dataset: trajectories")
+        progress(4, 4, "dataset: trajectories")
+    assert "dataset: trajectories" in stream.getvalue()
+    assert "4/4" in stream.getvalue()
+
+
+@pytest.mark.parametrize(
+    ("seconds", "text"), [(0.4, "0 s"), (59.6, "1 min 00 s"), (3599, "59 min 59 s"), (7620, "2 h 07 min")]
+)
+def test_durations(seconds: float, text: str) -> None:
+    assert duration(seconds) == text
