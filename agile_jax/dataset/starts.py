@@ -75,18 +75,17 @@ def wide_boxes(
     for center, body in zip(scene.obstacle_centers, grown, strict=True):
         for _, axis, sign in FACES:
             low, high = lower.copy(), upper.copy()
-            if axis == 2:
-                low[:2], high[:2] = (
-                    np.maximum(low[:2], center[:2] - body[:2]),
-                    np.minimum(high[:2], (center + body)[:2]),
-                )
+            reach = body[:2] + (0.0 if axis == 2 else settings.wide_padding)
+            for other in {0, 1} - {axis}:
+                low[other] = max(low[other], center[other] - reach[other])
+                high[other] = min(high[other], center[other] + reach[other])
             if sign > 0:
                 low[axis] = max(low[axis], center[axis] + body[axis])
             else:
                 high[axis] = min(high[axis], center[axis] - body[axis])
             if (low <= high).all():
                 boxes.append((low, high))
-    return boxes
+    return boxes or [(lower, upper)]
 
 
 def _draw_wide(

@@ -15,8 +15,8 @@ vanishes with the error to the power of two, the law only to the power of one: a
 whatever the network says, so that there is one equilibrium there, at the target, and it is stable. Far away the
 network has the authority to turn the field round and along obstacles.
 
-Both are then limited to the velocity bounds (direction kept) and, with `field_filter`, to speeds that can be braked
-before an obstacle.
+Both are then limited to the velocity bounds (direction kept); the residual field also, with `field_filter`, to speeds
+that can be braked before an obstacle.
 """
 
 from collections.abc import Callable
@@ -104,7 +104,7 @@ def make_policy(
     def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:
         pose = jnp.asarray(pose, jnp.float32)
         result = within_limits(field(parameters, encode(pose)), limit)
-        if settings.field_filter:
+        if residual and settings.field_filter:
             result = brake_before_obstacles(scene, pose, result, acceleration, settings.filter_margin)
             result = within_limits(result, limit)
         return result

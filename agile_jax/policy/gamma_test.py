@@ -8,9 +8,10 @@ of variance G,
 
     gamma(p) = mean_q |v_q - v_np|^2 / 2  ~  G + A delta(p),     delta(p) = mean_q |s_q - s_np|^2
 
-so the regression of gamma on delta, p = 1 .. P, meets delta = 0 at G: the neighbours' distance is accounted for,
-not neglected. Subtracting any fixed function of the position from the velocities leaves G as it is and makes A,
-thus the error, smaller; the training subtracts the braking law.
+so the regression of gamma on delta, p = 1 .. P, meets delta = 0 at G: the neighbours' distance is accounted for, not
+neglected. Subtracting any fixed function of the position from the velocities leaves G as it is and makes A, thus the
+error, smaller. Where trajectories are far apart the estimate errs upwards: it is then no proof that a field cannot do
+better.
 """
 
 import numpy as np

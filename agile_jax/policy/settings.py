@@ -12,9 +12,9 @@ HiddenLayers = Annotated[tuple[Count, ...], Field(strict=False, min_length=1)]
 class PolicySettings(Settings):
     """The velocity field s -> s'.
 
-    The paper's: kind = "plain", hidden_layers = [256, 1024, 1024, 1024, 1024, 256], activation = "tanh". It names
-    no normalisation and no feature but the pose. The remaining settings belong to the residual field (field.py) and
-    change nothing in the plain one, except `field_filter`, which either can have.
+    The paper's: kind = "plain", hidden_layers = [256, 1024, 1024, 1024, 1024, 256], activation = "tanh",
+    normalize_inputs = false. It names no feature but the pose. What stands below `normalize_inputs` belongs to the
+    residual field (field.py) and changes nothing in the plain one.
     """
 
     kind: Literal["plain", "residual"] = "residual"
@@ -25,8 +25,8 @@ class PolicySettings(Settings):
     wall_length: Positive = 0.15  # distance over which they saturate [m]
     blend_time: Positive = 0.15  # time to go below which the network fades out [s]
     approach_rate: Positive = 8.0  # 1 / time constant of the last centimetres [1/s]
-    field_filter: bool = False  # limit the speed towards obstacles to what can be braked (speed_limit.py)
-    filter_margin: Positive = 0.01  # clearance at which the filtered field no longer approaches [m]
+    field_filter: bool = True  # limit the speed towards obstacles to what can be braked (speed_limit.py)
+    filter_margin: Positive = 0.02  # clearance below which the field no longer approaches; less than the labels' [m]
 
 
 class TrainingSettings(Settings):

@@ -83,7 +83,7 @@ def train(
         "train_mse": fitted.train_mse,
         "validation_mse": fitted.validation_mse,
         "test_mse": float(mean_squared_error(policy, parameters, encode_samples(policy, *test))),
-        "noise_floor_mse": dataset_noise_floor(policy, dataset, dataset_settings),
+        "noise_floor_mse": dataset_noise_floor(policy, parameters, dataset, dataset_settings),
         "label_variance": float(np.var(test[1], axis=0).mean()),
         "seconds": fitted.seconds,
         "compile_seconds": fitted.compile_seconds,
@@ -103,17 +103,29 @@ def train(
     return summary
 
 
-def dataset_noise_floor(policy: Policy, dataset: Dataset, settings: DatasetSettings) -> float | None:
-    """The noise floor of the samples that are trained on; None with fewer than three trajectories."""
+def dataset_noise_floor(
+    policy: Policy, parameters: PolicyParameters, dataset: Dataset, settings: DatasetSettings
+) -> float | None:
+    """The noise floor of the samples that are trained on; None with fewer than three trajectories.
+
+    The lesser of two estimates, both of which err upwards where trajectories are far apart: over all trajectories with
+    the braking law subtracted, and over the held-out ones with the trained field subtracted (on those it was trained
+    on, the field may have learned the noise).
+    """
     states, times = dataset.states, dataset.times
     if settings.samples == "without_start":  # trajectories must keep one length: those samples of the shortest rest
         first = int((times < settings.start_seconds).sum(1).max())
         states = states[:, min(first, states.shape[1] - 1) :]
-    if len(states) < 3:
-        return None
-    poses = states[..., :POSE_SIZE]
-    base = jax.jit(jax.vmap(jax.vmap(lambda pose: policy.encode(pose).base)))(jnp.asarray(poses, jnp.float32))
-    return noise_floor(poses, states[..., POSE_SIZE:] - np.asarray(base))
+    held_out = ~split_mask(dataset, "train", settings)
+    law = jax.vmap(jax.vmap(lambda pose: policy.encode(pose).base))
+    field = jax.vmap(jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose))))
+    estimates = []
+    for chosen, known in ((states, law), (states[held_out], field)):
+        if len(chosen) >= 3:
+            poses, velocities = chosen[..., :POSE_SIZE], chosen[..., POSE_SIZE:]
+            rest = velocities - np.asarray(jax.jit(known)(jnp.asarray(poses, jnp.float32)))
+            estimates.append(noise_floor(poses, rest))
+    return min(estimates, default=None)
 
 
 def _follow_test(

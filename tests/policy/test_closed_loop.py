@@ -10,8 +10,9 @@ from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, LOST, STALLED
 DT = 0.02
 
 
-def without_network(scene):
-    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+def without_network(scene, field_filter=True):
+    settings = SMALL.model_copy(update={"field_filter": field_filter})
+    policy = make_policy(scene, VELOCITY, ACCELERATION, settings)
     parameters = policy.init(jax.random.key(0))
     return policy, parameters._replace(network=jax.tree.map(jnp.zeros_like, parameters.network))
 
@@ -51,7 +52,7 @@ def test_acceleration_stays_within_the_limit():
 
 def test_straight_line_through_the_table_is_a_collision_and_touches_by_as_much_as_the_clearance_says():
     scene = table_scene()
-    policy, parameters = without_network(scene)
+    policy, parameters = without_network(scene, field_filter=False)
     result = follow(policy, parameters, scene, np.array([[0.0, 0.0, 0.28, 0.0]]), DT, ACCELERATION, 8.0)
     assert result.outcome[0] == COLLIDED
     assert result.min_clearance[0] == pytest.approx(0.25 - 0.28 - scene.torso_half_size[2], abs=1e-4)

@@ -1,15 +1,15 @@
-import functools
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 
-from agile_jax.policy import PolicySettings, braking_law, make_policy, parameter_count
+from agile_jax.policy import PolicySettings, braking_law, follow, make_policy, parameter_count
 from agile_jax.policy.braking import rest_to_rest_time
+from agile_jax.policy.closed_loop import COLLIDED
 from agile_jax.policy.features import face_distances
-from agile_jax.scene import obstacle_clearances
+from agile_jax.policy.speed_limit import brake_before_obstacles
+from agile_jax.scene import clearance, obstacle_clearances
 
 PAPER_LAYERS = (256, 1024, 1024, 1024, 1024, 256)
 
@@ -79,8 +79,7 @@ def test_touching_means_all_faces_negative_without_a_turn():
     assert (signed < 0).any()
 
 
-@pytest.mark.parametrize("kind", ["plain", "residual"])
-@pytest.mark.parametrize("field_filter", [False, True])
+@pytest.mark.parametrize(("kind", "field_filter"), [("plain", False), ("residual", False), ("residual", True)])
 def test_velocity_is_finite_and_within_limits_everywhere(kind, field_filter):
     scene = table_scene()
     settings = PolicySettings(kind=kind, hidden_layers=(16, 16), field_filter=field_filter)
@@ -118,25 +117,27 @@ def test_yaw_is_wrapped():
 
 def test_filter_only_takes_away_what_closes_on_the_obstacle_too_fast():
     scene = table_scene()
-    fast = PolicySettings(kind="plain", hidden_layers=(4,), wall_features=False)
+    filtered = jax.jit(lambda p, v: brake_before_obstacles(scene, p, v, jnp.asarray(ACCELERATION), 0.01))
     forward = np.array([0.8, 0.2, 0.0, 0.0])
+    for gap in (0.3, 0.05, 0.02, 0.011, 0.005):  # in front of the table, facing it
+        pose = np.array([1.25 - scene.torso_half_size[0] - gap, 0.0, 0.28, 0.0])
+        allowed = np.sqrt(2 * 1.5 * max(gap - 0.01, 0))
+        np.testing.assert_allclose(filtered(pose, forward), [min(0.8, allowed), 0.2, 0, 0], atol=2e-3)
+        np.testing.assert_allclose(filtered(pose, -forward), -forward, atol=1e-6)
+    under = np.array([1.5, 0.0, 0.25 - scene.torso_half_size[2] - 0.03, 0.0])
+    rising = np.array([0.8, 0.0, 0.3, 0.0])
+    np.testing.assert_allclose(filtered(under, rising), [0.8, 0, np.sqrt(2 * 1.0 * 0.02), 0], atol=2e-3)
+    unbothered = jax.jit(lambda p, v: brake_before_obstacles(empty_scene(), p, v, jnp.asarray(ACCELERATION), 0.01))
+    np.testing.assert_array_equal(unbothered(under, rising), rising.astype(np.float32))
 
-    def make(field_filter):
-        policy = make_policy(scene, VELOCITY, ACCELERATION, fast.model_copy(update={"field_filter": field_filter}))
-        parameters = jax.tree.map(jnp.zeros_like, policy.init(jax.random.key(0)))
-        network = parameters.network
-        network["params"]["Dense_1"]["bias"] = jnp.asarray(forward, jnp.float32)
-        parameters = parameters._replace(
-            network=network,
-            normalization=parameters.normalization._replace(std=jnp.ones(4), scale=jnp.ones(4)),
-        )
-        return jax.jit(functools.partial(policy.velocity, parameters))
 
-    free, filtered = make(False), make(True)
-    for gap in (0.3, 0.05, 0.02, 0.011):  # in front of the table, facing it
-        pose = np.array([1.5 - 0.25 - scene.torso_half_size[0] - gap, 0.0, 0.28, 0.0])
-        allowed = np.sqrt(2 * 1.5 * (gap - 0.01))
-        np.testing.assert_allclose(free(pose), forward, atol=1e-6)
-        np.testing.assert_allclose(filtered(pose), [min(0.8, allowed), 0.2, 0, 0], atol=2e-3)
-    behind = np.array([1.5 + 0.25 + scene.torso_half_size[0] + 0.011, 0.0, 0.28, 0.0])
-    np.testing.assert_allclose(filtered(behind), forward, atol=1e-6)
+def test_filtered_field_touches_nothing_whatever_the_network_says():
+    scene = table_scene()
+    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL.model_copy(update={"filter_margin": 0.02}))
+    poses = random_poses(3000)
+    starts = poses[clearance(scene, poses) > 0.03][:64]
+    result = follow(policy, wild(policy, size=2.0), scene, starts, 0.02, ACCELERATION / 0.92, 4.0)
+    assert (result.outcome != COLLIDED).all()
+    unfiltered = make_policy(scene, VELOCITY, ACCELERATION, SMALL.model_copy(update={"field_filter": False}))
+    without = follow(unfiltered, wild(policy, size=2.0), scene, starts, 0.02, ACCELERATION / 0.92, 4.0)
+    assert (without.outcome == COLLIDED).sum() > 5
