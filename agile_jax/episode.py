@@ -45,4 +45,7 @@ def rollout(
         note = render_video(experiment.scene, experiment.robot, trace, video, experiment.report)
         film.update({"video": str(video)} | ({"video_note": note} if note else {}))
 
-    return rollout_one(experiment, run_dir, start, watch, progress) | film
+    def named(done: int, total: int, note: str) -> None:
+        progress(done, total, f"rollout: {note}")
+
+    return rollout_one(experiment, run_dir, start, watch, named) | film

@@ -39,7 +39,7 @@ def plain_lines(stream: TextIO, period: float = LINE_PERIOD, clock: Callable[[],
     last: dict[str, float] = {}
 
     def progress(done: int, total: int, note: str) -> None:
-        now, work = clock(), note.partition(":")[0]
+        now, work = clock(), _work(note)
         start, first = began.setdefault(work, (now, done))
         finished = 0 < total <= done
         if work in last and not finished and now - last[work] < period:
@@ -74,12 +74,18 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
         tasks: dict[str, rich.TaskID] = {}
 
         def progress(done: int, total: int, note: str) -> None:
-            work = note.partition(":")[0]
+            work = _work(note)
             if work not in tasks:
                 tasks[work] = bars.add_task(note, total=None)
             bars.update(tasks[work], completed=done, total=total or None, description=note)
 
         yield progress
+
+
+def _work(note: str) -> str:
+    """What a note is about."""
+    name, colon, _ = note.partition(":")
+    return name if colon else ""
 
 
 def duration(seconds: float) -> str:

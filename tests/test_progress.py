@@ -22,16 +22,20 @@ def test_plain_lines_are_limited_and_tell_the_time_left() -> None:
 
 
 def test_each_work_has_its_own_clock_and_resumed_work_its_own_rate() -> None:
+    """A work is named before the note's colon; notes without one are all of one work."""
     now = 0.0
     stream = io.StringIO()
     progress = plain_lines(stream, period=5.0, clock=lambda: now)
     progress(80, 100, "a: resumed")
     progress(0, 0, "b: no total")
+    progress(0, 9, "0.1 s simulated")
+    progress(0, 9, "0.2 s simulated")
     now = 10.0
     progress(90, 100, "a: resumed")
     assert stream.getvalue().splitlines() == [
         "a: resumed 80/100 (80 %)",
         "b: no total",
+        "0.1 s simulated 0/9 (0 %)",
         "a: resumed 90/100 (90 %), 10 s left",  # ten in ten seconds, not ninety
     ]
 

@@ -5,7 +5,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.control import GaitSettings, gait
-from agile_jax.control.swing import foothold, swing_path
+from agile_jax.control.swing import foothold, forward_reach, swing_path
+from agile_jax.robot import RobotSettings, leg_inverse_kinematics, load_robot
 
 SETTINGS = GaitSettings()
 
@@ -64,3 +65,14 @@ def test_foothold_is_symmetric_and_catches_a_push():
     np.testing.assert_allclose(pushed[0], [0, 0.04 + 0.012], atol=1e-6)
     # Turning left at speed, the feet land to the right: v x w.
     assert foothold(hips, v, v, jnp.float32(1), height, 0.2, 0.03)[0, 1] < 0
+
+
+def test_forward_reach_puts_the_knee_at_its_clearance():
+    """Forward kinematics of a leg whose foot stands at the reach: the knee is exactly at the clearance."""
+    robot = load_robot(RobotSettings())
+    for height in (0.16, 0.18, 0.2):
+        reach = forward_reach(jnp.float32(height), robot.thigh_length, robot.calf_length, robot.foot_radius, 0.035)
+        foot = robot.hip_pos_base + np.stack([np.full(4, reach), robot.abad_offset, np.full(4, 0.02 - height)], -1)
+        joints = np.array(leg_inverse_kinematics(robot, jnp.asarray(foot, jnp.float32))).reshape(4, 3)
+        knee_height = height - robot.thigh_length * np.cos(joints[:, 1])
+        np.testing.assert_allclose(knee_height, 0.035, atol=1e-3)

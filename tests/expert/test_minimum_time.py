@@ -49,7 +49,7 @@ def test_route_bound_of_a_detour_counts_both_legs():
     assert duration == pytest.approx((1 / 0.8 + 0.4 / 1.5) + (1 / 0.5 + 0.25 / 1.5))
 
 
-def test_bounds_stay_below_solved_routes(expert, scene, settings):
+def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene, settings):
     from agile_jax.expert.regions import make_free_space
     from agile_jax.expert.routes import find_routes
     from agile_jax.expert.transcription import build_program, make_arguments, solve_program
@@ -57,6 +57,7 @@ def test_bounds_stay_below_solved_routes(expert, scene, settings):
     start = np.array([0.6, 0.45, 0.27, 0.2])
     programs, solved = {}, 0
     for condition in ("rest", "free"):
+        least = np.inf
         for route in find_routes(make_free_space(scene, settings, start), start, scene.target, settings, condition):
             phases = len(route.regions)
             if phases > 3:
@@ -67,5 +68,9 @@ def test_bounds_stay_below_solved_routes(expert, scene, settings):
             assert success
             assert route.duration_bound <= trajectory.times[-1] + 1e-6
             assert route.objective_bound <= objective + 1e-6
+            least = min(least, objective)
             solved += 1
+        best = expert.solve(start, condition)
+        assert best.objective <= least * (1 + 5e-4)
+        assert len(best.routes) < solved
     assert solved >= 6

@@ -1,0 +1,75 @@
+"""The reference that drives along a field: its limits, its path, its leash."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from agile_jax.control import ControlSettings
+from agile_jax.policy.tracker import track
+from agile_jax.simulation.reference import ReferenceState, drive, hold_within_leash, plan_reference
+
+SETTINGS = ControlSettings()
+LIMIT = jnp.array([1.5, 1.5, 1.0, 3.0])
+TARGET = jnp.array([1.0, 0.5, 0.28, 0.0])
+
+
+def towards_target(parameters: float, pose: jnp.ndarray) -> jnp.ndarray:
+    return parameters * (TARGET - pose)
+
+
+def test_acceleration_stays_within_its_limits():
+    rng = np.random.default_rng(0)
+    for _ in range(200):
+        wanted, velocity = rng.normal(size=(2, 4))
+        change = np.array(track(jnp.asarray(wanted), jnp.asarray(velocity), LIMIT, 0.02)) - velocity
+        assert (np.abs(change) <= np.array(LIMIT) * 0.02 + 1e-6).all()
+
+
+def test_from_rest_the_velocity_has_the_fields_direction():
+    wanted = jnp.array([1.0, -0.2, -0.3, 0.1])
+    velocity = jnp.zeros(4)
+    for _ in range(10):
+        velocity = track(wanted, velocity, LIMIT, 0.02)
+        np.testing.assert_allclose(velocity / velocity[0], wanted / wanted[0], rtol=1e-4)
+
+
+def test_a_cruising_robot_brakes_one_axis_at_its_full_limit():
+    """Speed ahead must not slow down the end of a descent."""
+    velocity = track(jnp.array([1.0, 0.0, 0.0, 0.0]), jnp.array([1.0, 0.0, -0.3, 0.0]), LIMIT, 0.02)
+    np.testing.assert_allclose(velocity, [1.0, 0.0, -0.28, 0.0], atol=1e-6)
+
+
+def test_reached_velocity_is_kept():
+    wanted = jnp.array([0.5, 0.1, 0.0, 0.0])
+    np.testing.assert_allclose(track(wanted, wanted, LIMIT, 0.02), wanted, atol=1e-7)
+
+
+def test_driving_along_a_linear_field_decays_exponentially():
+    state = ReferenceState(TARGET + jnp.array([0.05, 0.0, 0.02, 0.0]), jnp.zeros(4))
+    for _ in range(200):
+        state = drive(towards_target, 2.0, state, LIMIT, 0.02)
+    np.testing.assert_allclose(state.pose, TARGET, atol=1e-3)
+
+
+def test_leash_pulls_back_only_what_leads_too_far_and_wraps_yaw():
+    pose = jnp.array([1.0, 2.0, 0.2, 3.1])
+    near = ReferenceState(pose + jnp.array([0.01, -0.02, 0.01, 0.05]), jnp.ones(4))
+    np.testing.assert_allclose(hold_within_leash(near, pose, SETTINGS).pose[:3], near.pose[:3], atol=1e-5)
+    far = ReferenceState(pose + jnp.array([3.0, 4.0, 0.5, 0.0]), jnp.ones(4))
+    held = hold_within_leash(far, pose, SETTINGS).pose - pose
+    np.testing.assert_allclose(
+        held[:3], [0.6 * SETTINGS.leash[0], 0.8 * SETTINGS.leash[0], SETTINGS.leash[1]], rtol=1e-3
+    )
+    # A reference at -3.1 rad is 0.08 rad ahead of a robot at +3.1 rad, not 6.2 behind.
+    turned = ReferenceState(pose.at[3].set(-3.1), jnp.ones(4))
+    assert hold_within_leash(turned, pose, SETTINGS).pose[3] - 3.1 == pytest.approx(2 * np.pi - 6.2, abs=1e-4)
+
+
+def test_horizon_continues_the_state_that_is_kept():
+    state = ReferenceState(jnp.array([0.0, 0.0, 0.28, 0.0]), jnp.zeros(4))
+    kept, reference = plan_reference(towards_target, 1.0, state, state.pose, LIMIT, SETTINGS)
+    np.testing.assert_array_equal(reference.pose, kept.pose)
+    assert reference.poses.shape == (SETTINGS.mpc.horizon, 4)
+    first = drive(towards_target, 1.0, kept, LIMIT, SETTINGS.mpc.mpc_dt)
+    np.testing.assert_allclose(reference.poses[0], first.pose, atol=1e-6)
+    assert (np.diff(np.array(reference.poses[:, 0])) > 0).all()
