@@ -3,8 +3,11 @@
 The obstacle problem is split into routes (regions.py, routes.py), each route is a smooth program whose regions are
 simple bounds (transcription.py), the best route by the objective T + w E is kept (expert.py), and nothing leaves
 without the independent check (verify.py). Minimum time alone leaves all axes but the slowest undetermined; the effort
-E, with a small weight w, determines them and, where routes tie in time, the route. Importing this package loads
-neither CasADi nor JAX.
+E, with a small weight w, determines them and, where routes tie in time, the route. The default w = 1e-2 with
+100 nodes makes T longer than w = 1e-4 with 400 nodes does by 1e-4 in the median and 4e-4 at worst (40 starts of the
+paper's distribution, from rest; 3e-4 with free initial velocity). The paper's u_0 = u_N = 0 costs 2 %.
+
+Importing this package loads neither CasADi nor JAX.
 """
 
 from agile_jax.expert.expert import Expert, make_expert

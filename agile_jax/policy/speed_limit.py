@@ -2,8 +2,8 @@
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
+from agile_jax.policy.features import YAW
 from agile_jax.scene import Scene, obstacle_clearances
 
 
@@ -17,9 +17,11 @@ def brake_before_obstacles(
 ) -> jax.Array:
     """Take from the velocity what closes on an obstacle faster than could still be braked before the margin.
 
-    With clearance d, its gradient g in the pose and W = diag(A^2), the axes braking together along W g decelerate d
-    by a = sqrt(g W g). So the approach -g . v may be at most sqrt(2 a (d - margin)); the excess is removed along
-    W g, the smallest change in units of the accelerations. Motion along the obstacle and away from it is untouched.
+    With clearance d, its gradient g in the pose, its part g_p in the position (a unit vector) and W = diag(A^2), the
+    position's axes braking together along W g_p decelerate d by a = sqrt(g_p W g_p). So the approach -g . v may be at
+    most sqrt(2 a (d - margin)); the excess is removed along W g_p, the smallest change in units of the accelerations.
+    Motion along the obstacle and away from it is untouched. The yaw counts in the approach but is not used to brake:
+    turning away would leave the speed for later.
 
     Args:
         scene: n obstacles, taken one after the other.
@@ -30,13 +32,11 @@ def brake_before_obstacles(
         return velocity
     distances = obstacle_clearances(scene, pose, jnp)  # (n,)
     gradients = jax.jacrev(lambda s: obstacle_clearances(scene, s, jnp))(pose)  # (n, 4)
-    weights = acceleration_limit**2
-    for i in range(len(np.asarray(scene.obstacle_centers))):
-        g = gradients[i]
-        weighted = weights * g
-        square = jnp.maximum(g @ weighted, 1e-9)
-        brake = jnp.sqrt(square)  # deceleration along g of the axes braking together in the direction W g
-        allowed = jnp.sqrt(2.0 * brake * jnp.maximum(distances[i] - margin, 0.0))
-        excess = jnp.maximum(-(g @ velocity) - allowed, 0.0)
+    weights = (acceleration_limit**2).at[YAW].set(0.0)
+    for i in range(len(scene.obstacle_centers)):
+        weighted = weights * gradients[i]
+        square = jnp.maximum(gradients[i] @ weighted, 1e-9)
+        allowed = jnp.sqrt(2.0 * jnp.sqrt(square) * jnp.maximum(distances[i] - margin, 0.0))
+        excess = jnp.maximum(-(gradients[i] @ velocity) - allowed, 0.0)
         velocity = velocity + excess * weighted / square
     return velocity

@@ -13,24 +13,15 @@ import zipfile
 
 import numpy as np
 import pytest
+from small_dataset import EXPERT, INLINE, SCENE, SEED, TABLE, make
 
-from agile_jax.dataset import DatasetSettings, IncompleteDatasetError, generate, load, samples, split_mask
+from agile_jax.dataset import DatasetSettings, IncompleteDatasetError, generate, load
 from agile_jax.dataset.shard import ShardTask, make_shard
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings, verify
 from agile_jax.files import sha256
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.settings import BadInput
-
-TABLE = {"kind": "table", "position": [1.5, 0.0], "size": [0.5, 1.0], "underside": 0.25}
-SCENE = SceneSettings(obstacles=[TABLE])
-EXPERT = ExpertSettings(trajectories=10, shard_size=3, nodes=40, starts="wide")
-SEED = 5
-INLINE = functools.partial(open_engine, "inline")
-
-
-def make(directory, engine=INLINE, expert=EXPERT, **kwargs):
-    return generate(SCENE, expert, DatasetSettings(), SEED, directory, engine, **kwargs)
 
 
 def closed_engine():
@@ -39,19 +30,6 @@ def closed_engine():
 
 def shard_bytes(directory):
     return {path.name: path.read_bytes() for path in sorted(directory.glob("shard-*.npz"))}
-
-
-@pytest.fixture(scope="module")
-def reference(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("reference")
-    return directory, make(directory)
-
-
-@pytest.fixture
-def copy(reference, tmp_path):
-    import shutil
-
-    return shutil.copytree(reference[0], tmp_path / "copy")
 
 
 def test_summary_keeps_the_contract(reference):
@@ -269,40 +247,3 @@ def test_failures_are_kept_with_their_cause(tmp_path):
         assert not file["states"][failed].any()
         assert all(cause.startswith("no route") for cause in file["cause"][failed])
     assert len(load(tmp_path).indices) == summary["trajectories"]
-
-
-def test_split_is_by_trajectory_balanced_and_fixed(reference):
-    dataset = load(reference[0])
-    settings = DatasetSettings()
-    masks = [split_mask(dataset, split, settings) for split in ("train", "validation", "test")]
-    np.testing.assert_array_equal(np.sum(masks, axis=0), 1)
-    many = dataset._replace(indices=np.arange(1000))
-    for split, fraction in zip(("train", "validation", "test"), settings.split, strict=True):
-        mask = split_mask(many, split, settings)
-        assert mask.mean() == pytest.approx(fraction, abs=0.005)
-        np.testing.assert_array_equal(mask[dataset.indices], split_mask(dataset, split, settings))
-    other = split_mask(many._replace(seed=SEED + 1), "train", settings)
-    assert (other != split_mask(many, "train", settings)).any()
-
-
-def test_samples(reference):
-    dataset = load(reference[0])
-    poses, velocities = samples(dataset, "train", DatasetSettings())
-    train = split_mask(dataset, "train", DatasetSettings())
-    assert poses.shape == velocities.shape == (train.sum() * 41, 4)
-    np.testing.assert_array_equal(poses[:41], dataset.states[train][0, :, :4])
-    np.testing.assert_array_equal(velocities[:41], dataset.states[train][0, :, 4:])
-    later, _ = samples(dataset, "train", DatasetSettings(samples="without_start", start_seconds=0.6))
-    assert len(later) == (dataset.times[train] >= 0.6).sum() < len(poses)
-
-
-def test_bad_datasets_and_settings_are_refused(tmp_path, copy):
-    with pytest.raises(BadInput, match=r"manifest\.json is missing"):
-        load(tmp_path / "nothing")
-    manifest = json.loads((copy / "manifest.json").read_text())
-    manifest["schema_version"] = 99
-    (copy / "manifest.json").write_text(json.dumps(manifest))
-    with pytest.raises(BadInput, match="schema_version 99"):
-        load(copy)
-    with pytest.raises(ValueError, match="must add up to 1"):
-        DatasetSettings(split=(0.8, 0.1, 0.2))

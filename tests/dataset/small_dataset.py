@@ -1,0 +1,18 @@
+"""A dataset of ten trajectories, for the tests of this folder."""
+
+import functools
+
+from agile_jax.dataset import DatasetSettings, generate
+from agile_jax.engine import open_engine
+from agile_jax.expert import ExpertSettings
+from agile_jax.scene import SceneSettings
+
+TABLE = {"kind": "table", "position": [1.5, 0.0], "size": [0.5, 1.0], "underside": 0.25}
+SCENE = SceneSettings(obstacles=[TABLE])
+EXPERT = ExpertSettings(trajectories=10, shard_size=3, nodes=40, starts="wide")
+SEED = 5
+INLINE = functools.partial(open_engine, "inline")
+
+
+def make(directory, engine=INLINE, expert=EXPERT, **kwargs):
+    return generate(SCENE, expert, DatasetSettings(), SEED, directory, engine, **kwargs)

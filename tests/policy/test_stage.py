@@ -1,0 +1,68 @@
+import json
+
+import jax
+import numpy as np
+import pytest
+from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene
+
+from agile_jax.dataset import Dataset, DatasetSettings, samples
+from agile_jax.expert import ExpertSettings
+from agile_jax.policy import TrainingSettings, load_parameters, make_policy, parameter_count, train
+from agile_jax.settings import BadInput
+
+REQUIRED = ["train_mse", "validation_mse", "test_mse", "noise_floor_mse", "seconds", "compile_seconds", "epochs", "parameters", "device"]
+EXPERT = ExpertSettings(velocity=tuple(VELOCITY), acceleration=tuple(ACCELERATION))
+SETTINGS = TrainingSettings(batch_size=64, epochs=3)
+
+
+def straight_lines(count: int = 40, nodes: int = 30) -> Dataset:
+    """Rest to rest along straight lines without a bound on the velocity: a position is passed at different speeds."""
+    generator = np.random.default_rng(0)
+    starts = TARGET + generator.uniform(-1, 1, (count, 4)) * [1.0, 0.5, 0.03, 0.3]
+    error = starts - TARGET
+    durations = 2 * np.sqrt((np.abs(error) / ACCELERATION).max(-1))
+    phase = np.linspace(0, 1, nodes + 1)[:, None]  # of the time
+    path = np.where(phase < 0.5, 2 * phase**2, 1 - 2 * (1 - phase) ** 2)
+    rate = 4 * np.minimum(phase, 1 - phase) / durations[:, None, None]
+    acceleration = np.where(phase[:-1] < 0.5, -4, 4) / durations[:, None, None] ** 2
+    states = np.concatenate([starts[:, None] - path * error[:, None], -rate * error[:, None]], -1)
+    return Dataset(
+        indices=np.arange(count),
+        times=phase[:, 0] * durations[:, None],
+        states=states,
+        controls=acceleration * error[:, None],
+        starts=starts,
+        durations=durations,
+        lower_bounds=durations,
+        branches=np.full(count, "direct"),
+        seed=0,
+        dataset_hash="straight lines",
+    )
+
+
+def test_training_stage_writes_the_contracts_summary(tmp_path):
+    dataset, scene = straight_lines(), empty_scene()
+    summary = train(dataset, scene, EXPERT, SMALL, SETTINGS, 0, tmp_path)
+    assert json.loads((tmp_path / "summary.json").read_text()) == summary
+    assert set(REQUIRED) <= summary.keys()
+    assert summary["epochs"] == 3
+
+    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+    parameters = load_parameters(tmp_path, policy)
+    assert summary["parameters"] == parameter_count(parameters) == 4 * 16 + 16 + 16 * 16 + 16 + 16 * 4 + 4
+    for split in ("train", "validation", "test"):
+        poses, labels = samples(dataset, split, DatasetSettings())
+        predicted = jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose)))(poses)
+        assert summary[f"{split}_mse"] == pytest.approx(np.mean((np.asarray(predicted) - labels) ** 2), rel=1e-4)
+    assert 0 < summary["noise_floor_mse"] < summary["label_variance"]
+    assert summary["field_arrived_rate"] == 1.0  # without obstacles the braking law brings every start home
+    assert summary["field_min_clearance_m_p05"] is None
+
+
+def test_training_stage_on_the_samples_without_their_start(tmp_path):
+    dataset = straight_lines()
+    without = DatasetSettings(samples="without_start", start_seconds=0.2)
+    summary = train(dataset, empty_scene(), EXPERT, SMALL, SETTINGS, 0, tmp_path, dataset_settings=without)
+    assert summary["training_samples"] == len(samples(dataset, "train", without)[0])
+    with pytest.raises(BadInput, match=r"dataset\.samples was"):
+        train(dataset, empty_scene(), EXPERT, SMALL, SETTINGS, 0, tmp_path)
