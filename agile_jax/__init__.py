@@ -2,7 +2,7 @@
 
     scene -> expert -> dataset -> policy -> control -> simulation -> evaluation -> report
 
-`agile_jax.scene` describes the world, `expert` solves the minimum-time problem, `dataset` stores its verified solutions, `policy` learns the
-velocity field s -> s', `control` tracks it with torques, `simulation` runs the physics, `evaluation` counts successes, `report` draws.
-Importing this package imports nothing.
+`agile_jax.scene` describes the world, `expert` solves the minimum-time problem, `dataset` stores its verified
+solutions, `policy` learns the velocity field s -> s', `control` tracks it with torques, `simulation` runs the
+physics, `evaluation` counts successes, `report` draws. Importing this package imports nothing.
 """

@@ -1,7 +1,8 @@
 """Rotations, angles and box distances: pure functions that work on NumPy and on JAX arrays.
 
-Functions take the array namespace `xp` (numpy or jax.numpy) where they create arrays, so that NumPy code and compiled code
-share one definition. A box here is a vertical prism: a rectangle in the plane, turned by yaw, times an interval of heights.
+Functions take the array namespace `xp` (numpy or jax.numpy) where they create arrays, so that NumPy code and compiled
+code share one definition. A box here is a vertical prism: a rectangle in the plane, turned by yaw, times an interval
+of heights.
 """
 
 from typing import Any
@@ -28,8 +29,8 @@ def rectangle_distance(
     """Exact signed distance of two rectangles in the plane [m].
 
     Positive: the Euclidean distance. Negative: minus the penetration depth, the shortest translation that parts them.
-    Disjoint convex polygons are nearest at a vertex of one of them; the penetration depth of convex polygons is reached along an edge
-    normal of one of them (separating axis theorem).
+    Disjoint convex polygons are nearest at a vertex of one of them; the penetration depth of convex polygons is
+    reached along an edge normal of one of them (separating axis theorem).
 
     Args:
         center_a, center_b: centres, shape (..., 2) [m].
@@ -43,7 +44,9 @@ def rectangle_distance(
     rotation_a, rotation_b = rotation_2d(yaw_a, xp), rotation_2d(yaw_b, xp)
     signs = xp.asarray([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 
-    def one_way(center, half, rotation, other_center, other_half, other_rotation):
+    def one_way(
+        center: Array, half: Array, rotation: Array, other_center: Array, other_half: Array, other_rotation: Array
+    ) -> tuple[Array, Array]:
         """Gap along the edge normals of the first rectangle, and distance of the other's vertices to it."""
         vertices = other_center[..., None, :] + xp.einsum(
             "...ij,...vj->...vi", other_rotation, signs * other_half[..., None, :]

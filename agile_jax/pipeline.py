@@ -156,7 +156,7 @@ def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEn
 
 
 def _evaluation(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.evaluation.evaluate import evaluate
+    from agile_jax.evaluation.stage import evaluate
 
     evaluate(experiment, run_dir, open_engine, progress=progress)
 

@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field
 
 
-class BadInput(ValueError):
+class BadInput(ValueError):  # noqa: N818
     """Input that cannot be used. The text is complete: it names the file or key, the value, and what is allowed."""
 
 

@@ -116,6 +116,6 @@ def test_importing_the_package_loads_nothing() -> None:
 def test_a_lazy_name_is_the_object_of_its_module() -> None:
     statement = (
         "import agile_jax.evaluation as e\nfirst = e.evaluate\n"
-        "from agile_jax.evaluation.evaluate import evaluate\nassert first is e.evaluate is evaluate"
+        "from agile_jax.evaluation.stage import evaluate\nassert first is e.evaluate is evaluate"
     )
     assert "jax" in loaded(statement)

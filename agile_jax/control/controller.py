@@ -174,9 +174,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         )
         # A crouching leg cannot reach far ahead; the height to come counts, not the present one.
         height = jnp.minimum(robot_state.base_pos[2], reference.poses[:, 2].min())
-        reach = forward_reach(
-            height, robot.thigh_length, robot.calf_length, foot_height, settings.knee_clearance
-        )
+        reach = forward_reach(height, robot.thigh_length, robot.calf_length, foot_height, settings.knee_clearance)
         # The smooth swing is near its foothold early, while the hip still has to come: that much less.
         speed = velocity @ jnp.stack([jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])])
         reach -= SWING_LEAD * gait.swing_duration(gait_settings) * jnp.maximum(speed, 0.0)

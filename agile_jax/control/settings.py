@@ -16,7 +16,7 @@ class GaitSettings(Settings):
     duty: Annotated[float, Field(gt=0, lt=1)] = 0.55  # fraction of the period that a foot stands
     step_height: Positive = 0.05  # highest lift of a foot [m]
     # The knee's limit leaves (trunk height - 0.108 m) of lift; a step takes at most this share of it.
-    headroom_fraction: Annotated[float, Field(gt=0, le=1)] = 0.7
+    headroom_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6
 
 
 class MpcSettings(Settings):
@@ -43,7 +43,7 @@ class ControlSettings(Settings):
     control_dt: Positive = 0.002  # between torques [s]
     plan_dt: Positive = 0.02  # between solutions of the MPC [s]
     raibert_gain: NonNegative = 0.03  # foothold shift per velocity error [s]
-    knee_clearance: Positive = 0.035  # height of the knees' centres over the floor that footholds must leave [m]
+    knee_clearance: Positive = 0.045  # height of the knees' centres over the floor that footholds must leave [m]
     swing_stiffness: Positive = 60.0  # joint PD of the swing legs [Nm/rad]
     swing_damping: Positive = 1.5  # [Nm s/rad]
     # Integral of the height, roll and pitch errors, added to the reference: what the single rigid body leaves out

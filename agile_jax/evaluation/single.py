@@ -7,7 +7,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from agile_jax.evaluation.backend import Inputs, make_backend
-from agile_jax.evaluation.evaluate import time_limit
+from agile_jax.evaluation.stage import time_limit
 from agile_jax.expert import check_start, make_expert
 from agile_jax.progress import silent
 from agile_jax.scene import make_scene

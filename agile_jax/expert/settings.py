@@ -17,9 +17,9 @@ class ExpertSettings(Settings):
     trajectories: Count = 400
     nodes: Annotated[int, Field(ge=10, le=2000)] = 100  # intervals of a trajectory
     shard_size: Count = 50  # trajectories in a file
-    velocity: PositivePose = (0.8, 0.5, 0.3, 1.0)  # bounds [m/s, rad/s]
+    velocity: PositivePose = (1.0, 0.5, 0.3, 1.0)  # bounds [m/s, rad/s]
     acceleration: PositivePose = (1.5, 1.5, 1.0, 3.0)  # bounds [m/s^2, rad/s^2]
-    clearance_margin: NonNegative = 0.03  # epsilon of equation 2 [m]
+    clearance_margin: NonNegative = 0.025  # epsilon of equation 2 [m]
     initial_velocity: Literal["rest", "free"] = "rest"  # rest: the paper; free: the best one within the bounds
     # Weight of the integral of sum (u_i / a_i)^2 in the objective [-]; makes labels unique (expert/__init__.py).
     effort_weight: Annotated[float, Field(gt=0, le=1)] = 1e-2

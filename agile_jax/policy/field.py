@@ -30,7 +30,7 @@ from agile_jax.policy.braking import braking_law
 from agile_jax.policy.features import features, natural_range, pose_error
 from agile_jax.policy.network import MLP, Normalization, PolicyParameters, fit_normalization
 from agile_jax.policy.settings import PolicySettings
-from agile_jax.policy.speed_limit import brake_before_obstacles, within_limits
+from agile_jax.policy.speed_limit import brake_before_bounds, brake_before_obstacles, within_limits
 from agile_jax.scene import POSE_SIZE, Scene
 
 
@@ -106,7 +106,7 @@ def make_policy(
         result = within_limits(field(parameters, encode(pose)), limit)
         if residual and settings.field_filter:
             result = brake_before_obstacles(scene, pose, result, acceleration, settings.filter_margin)
-            result = within_limits(result, limit)
+            result = brake_before_bounds(scene, pose, within_limits(result, limit), acceleration)
         return result
 
     return Policy(init, velocity, encode, field, fit)

@@ -40,3 +40,13 @@ def brake_before_obstacles(
         excess = jnp.maximum(-(gradients[i] @ velocity) - allowed, 0.0)
         velocity = velocity + excess * weighted / square
     return velocity
+
+
+def brake_before_bounds(scene: Scene, pose: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array) -> jax.Array:
+    """Cut each axis's velocity to what can still be braked before the bounds of the pose. Shape (4,).
+
+    The bounds are walls as the obstacles are: below the lowest height a crouching leg has no room left.
+    """
+    up = jnp.sqrt(2.0 * acceleration_limit * jnp.maximum(jnp.asarray(scene.upper) - pose, 0.0))
+    down = jnp.sqrt(2.0 * acceleration_limit * jnp.maximum(pose - jnp.asarray(scene.lower), 0.0))
+    return jnp.clip(velocity, -down, up)

@@ -65,7 +65,7 @@ class SceneSettings(Settings):
 
     target: Pose = (3.0, 0.0, 0.28, 0.0)
     torso_half_size: PositiveVector3 = (0.28, 0.155, 0.058)  # [m]
-    lower: Pose = (-1.5, -3.0, 0.15, -3.2)  # bounds of the planned pose [m, rad]
+    lower: Pose = (-1.5, -3.0, 0.155, -3.2)  # bounds of the planned pose [m, rad]
     upper: Pose = (4.5, 3.0, 0.32, 3.2)
     start: StartSettings = StartSettings()
     obstacles: Annotated[tuple[ObstacleSettings, ...], Field(strict=False)] = ()

@@ -44,8 +44,8 @@ def sample_starts(
     attempted = collisions = out_of_bounds = 0
     while len(poses) < count:
         draws = np.asarray(mean) + np.asarray(std) * generator.standard_normal((256, POSE_SIZE))
-        outside = ((draws < scene.lower) | (draws > scene.upper)).any(-1)
-        hit = ~outside & (clearance(scene, draws) < margin)
+        outside = np.asarray(((draws < scene.lower) | (draws > scene.upper)).any(-1))
+        hit = ~outside & np.asarray(clearance(scene, draws) < margin)
         free = ~outside & ~hit
         last = 256
         if free.sum() >= count - len(poses):  # count only the draws up to the last that is needed
