@@ -66,7 +66,7 @@ def rectangle_distance(
 
 
 def prism_distance(planar: Array, vertical: Array, xp: Any = np) -> Array:
-    """Exact signed distance of two vertical prisms from the signed distances of their bases and of their heights [m]."""
+    """Exact signed distance of two vertical prisms from the signed distances of bases and of heights [m]."""
     apart = xp.maximum(planar, 0.0) ** 2 + xp.maximum(vertical, 0.0) ** 2
     largest = xp.maximum(planar, vertical)
     return xp.where(largest > 0, xp.sqrt(xp.where(largest > 0, apart, 1.0)), largest)

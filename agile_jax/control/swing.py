@@ -42,8 +42,9 @@ def forward_reach(
 ) -> jax.Array:
     """How far ahead of its hip a foot can stand with the knee still off the floor [m].
 
-    The knee bends backward: the further ahead the foot of a crouching robot, the steeper and lower the thigh. With the knee
-    at height c and the foot's centre at r, the thigh spans sqrt(l1^2 - (h - c)^2) back, the calf sqrt(l2^2 - (c - r)^2) ahead.
+    The knee bends backward: the further ahead the foot of a crouching robot, the steeper and lower the thigh. With
+    the knee at height c and the foot's centre at r, the thigh spans sqrt(l1^2 - (h - c)^2) back and the calf
+    sqrt(l2^2 - (c - r)^2) ahead.
 
     Args:
         hip_height: h [m].

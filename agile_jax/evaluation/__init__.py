@@ -6,8 +6,8 @@ from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from agile_jax.evaluation.stage import evaluate
     from agile_jax.evaluation.single import rollout_one
+    from agile_jax.evaluation.stage import evaluate
     from agile_jax.evaluation.statistics import wilson_interval
 
 __all__ = ["EvaluationSettings", "evaluate", "rollout_one", "wilson_interval"]

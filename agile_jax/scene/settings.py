@@ -48,8 +48,8 @@ ObstacleSettings = Annotated[TableSettings | BoxSettings, Field(discriminator="k
 class StartSettings(Settings):
     """Normal distribution of the start pose [x, y, z, yaw] [m, rad].
 
-    The paper's N([0.5, 0.066, 0.026], [0.5, 0.66, 0.02]) is read with standard deviations, and its mean height 0.026 as a slip
-    for 0.26: 2.6 cm would put the torso inside the floor. The paper's starts have no spread in yaw.
+    The paper's N([0.5, 0.066, 0.026], [0.5, 0.66, 0.02]) is read with standard deviations, and its mean height 0.026
+    as a slip for 0.26: 2.6 cm would put the torso inside the floor. The paper's starts have no spread in yaw.
     """
 
     mean: Pose = (0.5, 0.066, 0.26, 0.0)
@@ -59,8 +59,8 @@ class StartSettings(Settings):
 class SceneSettings(Settings):
     """The world of the plan. Defaults are the paper's scene.
 
-    The torso's envelope covers trunk, head, hips and the roots of the thighs of the A1 (robot/a1.xml): at table height these are what
-    can hit its edge. The paper gives no size of the table, no bounds and no envelope.
+    The torso's envelope covers trunk, head, hips and the roots of the thighs of the A1 (robot/a1.xml): at table
+    height these are what can hit its edge. The paper gives no size of the table, no bounds and no envelope.
     """
 
     target: Pose = (3.0, 0.0, 0.28, 0.0)
@@ -74,7 +74,7 @@ class SceneSettings(Settings):
     def _target_is_reachable(self) -> "SceneSettings":
         from agile_jax.scene.scene import clearance, make_scene
 
-        for name, low, high, value in zip("x y z yaw".split(), self.lower, self.upper, self.target, strict=True):
+        for name, low, high, value in zip(("x", "y", "z", "yaw"), self.lower, self.upper, self.target, strict=True):
             if not low < high:
                 raise ValueError(f"lower = {low} must be below upper = {high} for {name}")
             if not low <= value <= high:
@@ -83,6 +83,7 @@ class SceneSettings(Settings):
         distance = float(clearance(scene, scene.target))
         if distance <= 0:
             raise ValueError(
-                f"target = {list(self.target)} puts the torso inside an obstacle (clearance {distance:.3f} m); it must be free"
+                f"target = {list(self.target)} puts the torso inside an obstacle "
+                f"(clearance {distance:.3f} m); it must be free"
             )
         return self
