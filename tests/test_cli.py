@@ -173,8 +173,8 @@ def test_plan_prints_and_draws(folder: pathlib.Path, call: Call) -> None:
     code, out, _ = call("plan", "good.toml", *start, "--output", "deep/plan.png", "--expert.nodes", "40")
     assert code == 0
     numbers = {line[:14].strip(): line[14:] for line in out.splitlines()}
-    # x is the slowest axis: 3.5 m at 0.8 m/s, speeding up and braking at 1.5 m/s^2
-    assert float(numbers["duration"].split()[0]) == pytest.approx(3.5 / 0.8 + 0.8 / 1.5, rel=2e-3)
+    # x is the slowest axis: 3.5 m at 1 m/s, speeding up and braking at 1.5 m/s^2
+    assert float(numbers["duration"].split()[0]) == pytest.approx(3.5 + 1 / 1.5, rel=2e-3)
     assert numbers["branch"] == "under"
     assert (folder / "deep/plan.png").read_bytes().startswith(b"\x89PNG")
 

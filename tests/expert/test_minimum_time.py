@@ -20,7 +20,7 @@ def test_distance_covered_in_the_minimum_time(v, a):
 
 
 def test_lower_bound_is_the_slowest_axis():
-    settings = ExpertSettings()
+    settings = ExpertSettings(velocity=(0.8, 0.5, 0.3, 1.0), acceleration=(1.5, 1.5, 1.0, 3.0))
     start, target = np.array([0.0, 0.1, 0.2, 0.1]), np.array([3.0, 0.0, 0.28, 0.0])
     assert lower_bound(start, target, settings, "rest") == pytest.approx(3 / 0.8 + 0.8 / 1.5)
     assert lower_bound(start, target, settings, "free") == pytest.approx(3 / 0.8 + 0.4 / 1.5)

@@ -168,7 +168,7 @@ def test_hopeless_start_fails_with_its_cause(expert, settings):
         ([0.0, 9.0, 0.3, 0.0], r"start y = 9 m is outside its bounds \[-3, 3\]"),
         ([0.0, 0.0, 0.02, 0.0], "start z = 0.02 m is outside"),
         ([0.0, 0.0, float("nan"), 0.0], "finite"),
-        ([1.5, 0.0, 0.175, 0.0], "at least 0.0305 m is needed"),
+        ([1.5, 0.0, 0.175, 0.0], "at least 0.0255 m is needed"),
     ],
 )
 def test_bad_starts_are_refused(scene, settings, start, words):
@@ -177,7 +177,7 @@ def test_bad_starts_are_refused(scene, settings, start, words):
 
 
 def test_target_within_the_margin_is_refused(settings):
-    with pytest.raises(BadInput, match=r"target = .* 0.0305 m is needed"):
+    with pytest.raises(BadInput, match=r"target = .* 0.0255 m is needed"):
         make_expert(make_scene(SceneSettings(obstacles=[TABLE], target=(1.5, 0.0, 0.18, 0.0))), settings)
 
 

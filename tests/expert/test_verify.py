@@ -70,7 +70,7 @@ def test_catches_wrong_trajectories(under, scene, settings, change, field):
 
 
 def test_catches_violated_bounds_and_end_conditions(under, scene, settings):
-    slow = ExpertSettings(velocity=(0.7, 0.5, 0.3, 1.0))
+    slow = ExpertSettings(velocity=(0.9, 0.5, 0.3, 1.0))
     assert verify(scene, slow, under.trajectory, PAPER_START).bound_violation == pytest.approx(0.1, abs=1e-3)
     weak = ExpertSettings(acceleration=(1.4, 1.5, 1.0, 3.0))
     assert verify(scene, weak, under.trajectory, PAPER_START).bound_violation == pytest.approx(0.1, abs=1e-3)
