@@ -100,7 +100,6 @@ def test_results_do_not_depend_on_threads(reference: Rollout):
         np.testing.assert_array_equal(getattr(other.outcome, name), values, err_msg=name)
 
 
-@pytest.mark.slow
 def test_mjx_and_mujoco_agree_on_the_outcomes(reference: Rollout):
     loop, _, model = parts()
     qpos = np.stack([standing_qpos(ROBOT, start) for start in STARTS])
