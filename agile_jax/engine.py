@@ -144,6 +144,7 @@ def _local_client(workers: int) -> Iterator[Any]:
 
     quiet = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
     with (
+        _environment_kept(),
         tempfile.TemporaryDirectory(prefix="agile-engine-", ignore_cleanup_errors=True) as scratch,
         dask.config.set(quiet),
         LocalCluster(
@@ -161,6 +162,22 @@ def _local_client(workers: int) -> Iterator[Any]:
     ):
         client.register_plugin(_ignore_interrupts())
         yield client
+
+
+@contextmanager
+def _environment_kept() -> Iterator[None]:
+    """Undo what is set inside: distributed puts the workers' numbers of threads into its own process, too.
+
+    There they would reach the BLAS under JAX's linear algebra if it is loaded later, and change last digits of what
+    this process computes after it has used an engine.
+    """
+    before = dict(os.environ)
+    try:
+        yield
+    finally:
+        for name in os.environ.keys() - before.keys():
+            del os.environ[name]
+        os.environ.update(before)
 
 
 def _ignore_interrupts() -> Any:

@@ -272,3 +272,17 @@ def test_the_light_commands_load_no_jax(folder: pathlib.Path) -> None:
             "assert not {'jax', 'mujoco', 'matplotlib', 'casadi'} & set(sys.modules)"
         )
         subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL, env=dict(os.environ))
+
+
+def test_the_number_of_cores_changes_no_digit(folder: pathlib.Path) -> None:
+    """The commands give BLAS one thread before anything loads it, unless the user has said otherwise."""
+    program = (
+        "import os, sys\nfrom agile_jax.cli import main\n"
+        "assert main(['run', 'good.toml', '--dry-run']) == 0\nprint(os.environ['OPENBLAS_NUM_THREADS'])"
+    )
+    bare = {name: value for name, value in os.environ.items() if name != "OPENBLAS_NUM_THREADS"}
+    for environment, expected in ((bare, "1"), (bare | {"OPENBLAS_NUM_THREADS": "2"}, "2")):
+        ended = subprocess.run(
+            [sys.executable, "-c", program], check=True, capture_output=True, text=True, env=environment
+        )
+        assert ended.stdout.splitlines()[-1] == expected

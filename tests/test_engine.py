@@ -147,3 +147,10 @@ def alive(pid):
         return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
     except FileNotFoundError:
         return False
+
+
+def test_the_environment_of_this_process_is_kept() -> None:
+    before = dict(os.environ)
+    with open_engine("local", workers=1) as engine:
+        assert list(engine.map(thread_settings, [0])) == [(0, ("1", "1"))]
+    assert dict(os.environ) == before

@@ -87,19 +87,24 @@ def _dispatch(name: str, argv: list[str]) -> int:
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
     if name != "schema":
-        _prepare_jax()
+        _prepare_libraries()
     from agile_jax.cli import commands
 
     code: int = getattr(commands, name)(argv)
     return code
 
 
-def _prepare_jax() -> None:
-    """Set JAX's flags for this process and its children, before anything imports it: compile once for all runs."""
+def _prepare_libraries() -> None:
+    """Set flags of JAX and BLAS for this process and its children, before anything imports them.
+
+    Compile once for all runs. One thread for the small factorisations of the controller: more are slower, and the last
+    digits of a result would depend on the number of cores.
+    """
     cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "agile_jax" / "jax"
     os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
     os.environ.setdefault("JAX_ENABLE_X64", "0")
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _say(text: str, code: int) -> int:
