@@ -4,6 +4,7 @@ import hashlib
 import json
 import os
 import pathlib
+import re
 import uuid
 from typing import Any
 
@@ -15,7 +16,7 @@ def write_atomic(path: pathlib.Path, data: bytes) -> None:
         OSError: the disk is full or the folder cannot be written; the old file is intact.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+    temporary = temporary_name(path)
     try:
         with open(temporary, "wb") as file:
             file.write(data)
@@ -26,6 +27,18 @@ def write_atomic(path: pathlib.Path, data: bytes) -> None:
         temporary.unlink(missing_ok=True)
         raise
     sync_folder(path.parent)
+
+
+def temporary_name(path: pathlib.Path) -> pathlib.Path:
+    """Where to write what will be moved to `path`; `remove_torn` knows such names."""
+    return path.with_name(f".{path.name}.{uuid.uuid4().hex}.tmp")
+
+
+def remove_torn(folder: pathlib.Path) -> None:
+    """Delete what a kill has left of writes anywhere below `folder`, where nobody else may be at work."""
+    for path in folder.rglob(".*.tmp"):
+        if re.fullmatch(r"\..+\.[0-9a-f]{32}\.tmp", path.name):
+            path.unlink(missing_ok=True)
 
 
 def sync_folder(folder: pathlib.Path) -> None:

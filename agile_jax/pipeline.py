@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from agile_jax.engine import Engine, check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
+from agile_jax.files import remove_torn
 from agile_jax.progress import Progress, silent
 from agile_jax.run_directory import (
     State,
@@ -77,6 +78,7 @@ def run(
         refuse_other_settings(run_dir, experiment, tuple(stages))
     results = {}
     with locked(run_dir):
+        remove_torn(run_dir)
         write_identity(run_dir, experiment)
         for stage in stages:
             results[stage] = _run_stage(stage, experiment, run_dir, partial(open_engine, engine, workers), progress)

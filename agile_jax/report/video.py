@@ -5,7 +5,6 @@ import os
 import pathlib
 import subprocess
 import tempfile
-import uuid
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
@@ -14,6 +13,7 @@ import mujoco
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
+from agile_jax.files import temporary_name
 from agile_jax.report.camera import Shot, film
 from agile_jax.report.drawing import drawn_frames
 from agile_jax.report.opengl import SYSTEM_PACKAGES, RenderError, candidates, opengl_frames
@@ -110,10 +110,10 @@ def write_mp4(path: pathlib.Path, frames: Iterator[np.ndarray], frames_per_secon
     first = next(frames)
     height, width = first.shape[:2]
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{uuid.uuid4().hex}.mp4")
+    temporary = temporary_name(path)
     source = ["-f", "rawvideo", "-pix_fmt", "rgb24", "-s", f"{width}x{height}", "-r", str(frames_per_second), "-i", "-"]
     coding = ["-c:v", "libx264", "-pix_fmt", "yuv420p", "-preset", "veryfast", "-crf", "25", "-threads", "1"]
-    layout = ["-movflags", "+faststart", "-fflags", "+bitexact", "-map_metadata", "-1"]
+    layout = ["-movflags", "+faststart", "-fflags", "+bitexact", "-map_metadata", "-1", "-f", "mp4"]
     command = [imageio_ffmpeg.get_ffmpeg_exe(), "-loglevel", "error", "-y", *source, *coding, *layout, str(temporary)]
     with tempfile.TemporaryFile() as errors:
         encoder = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.DEVNULL, stderr=errors)
