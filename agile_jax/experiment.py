@@ -16,7 +16,7 @@ from agile_jax.control.settings import ControlSettings
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment_file import Table, origin, override, read_table
-from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.settings import ExpertSettings, check_scene
 from agile_jax.files import hash_json
 from agile_jax.policy.settings import PolicySettings, TrainingSettings
 from agile_jax.report.settings import ReportSettings
@@ -70,6 +70,22 @@ class Experiment(Settings):
                     f"sweep.metric = {self.sweep.metric!r}: no trial has an evaluation by {rest[0]!r}; "
                     f"evaluation.backend gives {', '.join(self._backends())}"
                 )
+        return self
+
+    @model_validator(mode="after")
+    def _plans_can_end(self) -> "Experiment":
+        check_scene(self.scene, self.expert)
+        return self
+
+    @model_validator(mode="after")
+    def _filter_lets_the_labels_pass(self) -> "Experiment":
+        filtered = self.policy.kind == "residual" and self.policy.field_filter and self.scene.obstacles
+        if filtered and self.policy.filter_margin >= self.expert.clearance_margin:
+            raise ValueError(
+                f"policy.filter_margin = {self.policy.filter_margin} must be below expert.clearance_margin = "
+                f"{self.expert.clearance_margin}, or the filter would stop the field where the labels pass; "
+                "lower it, or set policy.field_filter = false"
+            )
         return self
 
     def _backends(self) -> tuple[str, ...]:

@@ -10,7 +10,9 @@ from agile_jax.scene import make_scene
 
 
 def plan(experiment: Experiment, start: tuple[float, ...], output: pathlib.Path | None = None) -> ExpertSolution:
-    """Solve the experiment's optimal control problem from one pose.
+    """Solve the paper's problem, from rest to rest, from one pose of the experiment's scene.
+
+    `expert.initial_velocity` says how the labels begin, and is not asked here.
 
     Args:
         experiment: its scene and expert are used.
@@ -23,7 +25,7 @@ def plan(experiment: Experiment, start: tuple[float, ...], output: pathlib.Path 
     """
     scene, pose = make_scene(experiment.scene), np.array(start, float)
     check_start(scene, experiment.expert, pose)
-    solution = make_expert(scene, experiment.expert).solve(pose)
+    solution = make_expert(scene, experiment.expert).solve(pose, initial_velocity="rest")
     if output is not None and solution.status == "solved":
         from agile_jax.report import draw_plan
 

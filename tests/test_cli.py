@@ -22,6 +22,8 @@ FILES = {
     "nan.toml": "[training]\nlearning_rate = nan",
     "inside.toml": "[scene]\ntarget = [1.5, 0.0, 0.28, 0.0]",
     "type.toml": "[training]\nepochs = 'many'",
+    "close.toml": "[scene]\ntarget = [2.04, 0.0, 0.28, 0.0]",
+    "filter.toml": "[policy]\nfilter_margin = 0.03",
 }
 SMALL = ["--expert.trajectories", "4", "--expert.shard-size", "1", "--expert.nodes", "20", "--engine", "inline"]
 
@@ -62,6 +64,8 @@ Call = Callable[..., tuple[int, str, str]]
             ["expert", "inside.toml"],
             "inside.toml: scene: target = [1.5, 0.0, 0.28, 0.0] puts the torso inside an obstacle",
         ),
+        (["run", "close.toml"], "close.toml: target = [2.04, 0.0, 0.28, 0.0] puts the torso 0.0100 m from obstacle 0"),
+        (["run", "filter.toml"], "policy.filter_margin = 0.03 must be below expert.clearance_margin = 0.025"),
         (["train", "type.toml"], "type.toml: training.epochs = 'many': input should be a valid integer"),
         (["run", "god.toml"], "god.toml: no such file; did you mean good.toml?"),
         (["run", "circle.toml"], "goes round in a circle"),
@@ -168,8 +172,10 @@ def test_expert_runs_and_is_reused_and_refused(folder: pathlib.Path, call: Call)
     assert "training is not finished" in err
 
 
-def test_plan_prints_and_draws(folder: pathlib.Path, call: Call) -> None:
-    start = ["--start", "-0.5", "0", "0.28", "0"]
+@pytest.mark.parametrize("labels", ["rest", "free"])
+def test_plan_prints_and_draws(labels: str, folder: pathlib.Path, call: Call) -> None:
+    """From rest to rest, however the labels begin."""
+    start = ["--start", "-0.5", "0", "0.28", "0", "--expert.initial-velocity", labels]
     code, out, _ = call("plan", "good.toml", *start, "--output", "deep/plan.png", "--expert.nodes", "40")
     assert code == 0
     numbers = {line[:14].strip(): line[14:] for line in out.splitlines()}
@@ -177,6 +183,37 @@ def test_plan_prints_and_draws(folder: pathlib.Path, call: Call) -> None:
     assert float(numbers["duration"].split()[0]) == pytest.approx(3.5 + 1 / 1.5, rel=2e-3)
     assert numbers["branch"] == "under"
     assert (folder / "deep/plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_plan_draws_into_the_current_folder_if_not_told_where(folder: pathlib.Path, call: Call) -> None:
+    code, out, _ = call("plan", "good.toml", "--start", "2.5", "1", "0.28", "0", "--expert.nodes", "20")
+    assert code == 0
+    assert out.splitlines()[-1].split() == ["drawing", "plan.png"]
+    assert (folder / "plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize("command", ["run", "evaluate", "report", "sweep", "rollout"])
+def test_an_opengl_that_nobody_knows_is_one_line(
+    command: str, folder: pathlib.Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MUJOCO_GL", "garbage")
+    code, out, err = call(command, "good.toml")
+    assert (code, out) == (2, "")
+    assert err.startswith("agile: MUJOCO_GL = 'garbage' in the environment is none of MuJoCo's words")
+    assert len(err.splitlines()) == 1
+
+
+def test_an_opengl_that_is_not_here_is_named_and_dropped(
+    folder: pathlib.Path, call: Call, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (folder / "OpenGL").mkdir()  # hides PyOpenGL from the probe
+    (folder / "OpenGL/__init__.py").write_text("raise AttributeError('no library')")
+    monkeypatch.setenv("PYTHONPATH", str(folder))
+    monkeypatch.setenv("MUJOCO_GL", "osmesa")
+    code, _, err = call("run", "good.toml", "--dry-run")
+    assert code == 0
+    assert err == "agile: MUJOCO_GL=osmesa does not work here (AttributeError: no library); going on without it\n"
+    assert "MUJOCO_GL" not in os.environ
 
 
 def test_a_run_dir_that_cannot_be_is_one_line(folder: pathlib.Path, call: Call) -> None:

@@ -4,11 +4,11 @@ Exit codes: 0 done, 1 finished with failures that are named, 2 bad input, 130 an
 """
 
 import os
-import pathlib
 import signal
 import sys
 from collections.abc import Sequence
 
+from agile_jax.cli.environment import check_opengl, prepare_libraries
 from agile_jax.interruption import Interrupted
 from agile_jax.settings import BadInput
 
@@ -25,6 +25,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
     "schema": ("", "the JSON schema of experiment files"),
 }
+SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -87,24 +88,13 @@ def _dispatch(name: str, argv: list[str]) -> int:
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
     if name != "schema":
-        _prepare_libraries()
+        prepare_libraries()
+    if name in SIMULATING:
+        check_opengl()
     from agile_jax.cli import commands
 
     code: int = getattr(commands, name)(argv)
     return code
-
-
-def _prepare_libraries() -> None:
-    """Set flags of JAX and BLAS for this process and its children, before anything imports them.
-
-    Compile once for all runs. One thread for the small factorisations of the controller: more are slower, and the last
-    digits of a result would depend on the number of cores.
-    """
-    cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "agile_jax" / "jax"
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
-    os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
-    os.environ.setdefault("JAX_ENABLE_X64", "0")
-    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 
 def _say(text: str, code: int) -> int:

@@ -180,6 +180,11 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
             return FAILED
     for result in results.values():
         print(_line(result))
+    if "report" in results:
+        from agile_jax.report import rendering_notes
+
+        for note in rendering_notes(run_dir):
+            print(note, file=sys.stderr)
     found = failures(results)
     for failure in found:
         print(failure, file=sys.stderr)

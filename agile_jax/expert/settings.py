@@ -4,6 +4,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import Count, Fraction, NonNegative, Positive, PositivePose, Settings
 
 
@@ -31,3 +32,11 @@ class ExpertSettings(Settings):
     wide_target_std: Positive = 0.4  # of those, in the plane [m]
     wide_yaw_std: NonNegative = 0.4  # around the target's yaw [rad]
     wide_padding: NonNegative = 0.5  # of the box around starts, obstacles and target [m]
+
+
+def check_scene(scene: SceneSettings, settings: ExpertSettings) -> None:
+    """Refuse a scene whose target keeps less than the margin (BadInput): no plan could end there."""
+    from agile_jax.expert.regions import check_target
+    from agile_jax.scene.scene import make_scene
+
+    check_target(make_scene(scene), settings)
