@@ -144,6 +144,7 @@ def _local_client(workers: int) -> Iterator[Any]:
 
     quiet = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
     with (
+        _quiet_loggers(),
         _environment_kept(),
         tempfile.TemporaryDirectory(prefix="agile-engine-", ignore_cleanup_errors=True) as scratch,
         dask.config.set(quiet),
@@ -162,6 +163,23 @@ def _local_client(workers: int) -> Iterator[Any]:
     ):
         client.register_plugin(_ignore_interrupts())
         yield client
+
+
+@contextmanager
+def _quiet_loggers() -> Iterator[None]:
+    """Silence distributed, which reports every connection to the root logger when a library has given that a handler.
+
+    (`silence_logs` only reaches a handler of distributed's own, which it then does not make.)
+    """
+    loggers = [logging.getLogger(name) for name in ("distributed", "distributed.client", "distributed.gc")]
+    before = [logger.level for logger in loggers]
+    for logger in loggers:
+        logger.setLevel(logging.CRITICAL)
+    try:
+        yield
+    finally:
+        for logger, level in zip(loggers, before, strict=True):
+            logger.setLevel(level)
 
 
 @contextmanager

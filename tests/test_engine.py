@@ -154,3 +154,13 @@ def test_the_environment_of_this_process_is_kept() -> None:
     with open_engine("local", workers=1) as engine:
         assert list(engine.map(thread_settings, [0])) == [(0, ("1", "1"))]
     assert dict(os.environ) == before
+
+
+def test_nothing_is_logged_although_a_library_has_set_up_logging() -> None:
+    program = (
+        "import logging\nlogging.basicConfig()\nfrom agile_jax.engine import open_engine\n"
+        "if __name__ == '__main__':\n    with open_engine('local', 1) as engine:\n        print(list(engine.map(abs, [-1])))"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert ended.stdout == "[(0, 1)]\n"
+    assert ended.stderr == ""

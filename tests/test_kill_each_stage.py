@@ -23,6 +23,12 @@ SMOKE = pathlib.Path(__file__).parents[1] / "experiments" / "smoke.toml"
 OPTIONS = ["--expert.shard-size", "4", "--training.checkpoint-every", "2", "--evaluation.batch", "2", "--workers", "2"]
 PATIENCE = 300.0  # [s] for a moment to come
 
+
+def older(path: pathlib.Path, seconds: float) -> bool:
+    """Whether a file has been there for some time."""
+    return path.exists() and time.time() - path.stat().st_mtime > seconds
+
+
 MOMENTS: dict[str, Callable[[pathlib.Path], bool]] = {  # in the order in which they come
     "the dataset has begun": lambda run: (run / "dataset/stage.json").exists(),
     "some shards are there": lambda run: len(list(run.glob("dataset/shard-*.npz"))) >= 2,
@@ -33,8 +39,8 @@ MOMENTS: dict[str, Callable[[pathlib.Path], bool]] = {  # in the order in which 
     ),
     "some epochs are done": lambda run: any(run.glob("training/checkpoints/1?/integrity.json")),
     "the field is being judged": lambda run: any(run.glob("training/checkpoints/20/integrity.json")),
-    "the expert times the starts": lambda run: (run / "training/summary.json").exists(),
-    "the episodes run": lambda run: (run / "evaluation/mujoco-chunks/expert.npz").exists(),
+    "the expert times the starts": lambda run: older(run / "training/summary.json", 0.7),
+    "the episodes run": lambda run: older(run / "evaluation/mujoco-chunks/expert.npz", 3.0),
     "some episodes are done": lambda run: any(run.glob("evaluation/mujoco-chunks/episodes-*.npz")),
     "the report has begun": lambda run: (run / "evaluation/stages/mujoco.json").exists(),
     "the report draws": lambda run: any(run.glob("figures/outcomes_*.png")),
