@@ -64,12 +64,26 @@ class DaskEngine:
     def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
         """See `Engine.map`.
 
-        No more tasks are in flight than there are workers: one that kills its worker then takes no waiting neighbour
-            with it.
+        No more tasks are in flight than there are workers, so that one that kills its worker takes no waiting neighbour
+            with it. While a dead worker is replaced, two tasks may share one all the same: whatever was under workers
+            that died too often is tried once more at the end, alone.
         """
+        suspects: list[tuple[int, Any]] = []
+        for index, future in self._completed(function, list(enumerate(tasks)), self.workers):
+            if future.status == "error" and type(future.exception()).__name__ == "KilledWorker":
+                suspects.append((index, tasks[index]))
+            else:
+                yield index, _outcome(index, future)
+        for index, future in self._completed(function, suspects, 1):
+            yield index, _outcome(index, future)
+
+    def _completed(
+        self, function: Callable[[Any], Any], tasks: list[tuple[int, Any]], at_once: int
+    ) -> Iterator[tuple[int, Any]]:
+        """Yield (index, ended future), with at most `at_once` in flight."""
         from distributed import as_completed
 
-        waiting = list(enumerate(tasks))[::-1]
+        waiting = tasks[::-1]
         running: dict[Any, int] = {}
         completed = as_completed(raise_errors=False)
 
@@ -80,21 +94,22 @@ class DaskEngine:
             running[future] = index
             completed.add(future)
 
-        while waiting and len(running) < self.workers:
+        while waiting and len(running) < at_once:
             submit()
         while running:
             future = next(completed)
             index = running.pop(future)
-            if future.status == "finished":
-                result = future.result()
-            elif future.status == "error":
-                result = TaskFailure(index, describe(future.exception()))
-            else:
-                result = TaskFailure(index, f"the task was {future.status}")
-            del future
             if waiting:
                 submit()
-            yield index, result
+            yield index, future
+
+
+def _outcome(index: int, future: Any) -> Any:
+    """The result of an ended future, or its failure."""
+    if future.status == "finished":
+        return future.result()
+    cause = describe(future.exception()) if future.status == "error" else f"the task was {future.status}"
+    return TaskFailure(index, cause)
 
 
 def describe(error: BaseException) -> str:

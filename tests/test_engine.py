@@ -49,6 +49,13 @@ def always_die(index):
     return index
 
 
+def kill_if_first(index):
+    if index == 0:
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.5)  # long enough to be there when the other worker dies
+    return index
+
+
 @pytest.fixture(scope="module")
 def local():
     with open_engine("local", workers=2) as engine:
@@ -88,6 +95,13 @@ def test_worker_killed_once_costs_nothing(local, tmp_path):
     assert (tmp_path / "died").exists()
 
 
+def test_neighbours_of_a_task_that_kills_its_worker_are_finished(local):
+    """Also the one that shares the last worker with it while the other is replaced."""
+    results = dict(local.map(kill_if_first, range(8)))
+    assert isinstance(results.pop(0), TaskFailure)
+    assert results == {i: i for i in range(1, 8)}
+
+
 def test_task_that_always_kills_its_worker_fails_alone(local):
     results = dict(local.map(always_die, range(5)))
     failure = results.pop(1)
@@ -113,7 +127,7 @@ import os, sys, time
 from agile_jax.engine import open_engine
 
 def slow(i):
-    print("worker", os.getpid(), flush=True)
+    os.write(1, f"worker {os.getpid()}\\n".encode())  # in one piece: two workers share the pipe
     time.sleep(60)
 
 if __name__ == "__main__":
@@ -159,7 +173,8 @@ def test_the_environment_of_this_process_is_kept() -> None:
 def test_nothing_is_logged_although_a_library_has_set_up_logging() -> None:
     program = (
         "import logging\nlogging.basicConfig()\nfrom agile_jax.engine import open_engine\n"
-        "if __name__ == '__main__':\n    with open_engine('local', 1) as engine:\n        print(list(engine.map(abs, [-1])))"
+        "if __name__ == '__main__':\n    with open_engine('local', 1) as engine:\n"
+        "        print(list(engine.map(abs, [-1])))"
     )
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert ended.stdout == "[(0, 1)]\n"
