@@ -53,12 +53,13 @@ def command(run_dir: pathlib.Path, options: list[str], experiment: pathlib.Path 
 
 
 def below(pid: int) -> list[int]:
-    """All processes below one (Linux)."""
-    children = pathlib.Path(f"/proc/{pid}/task/{pid}/children")
-    try:
-        direct = [int(child) for child in children.read_text().split()]
-    except OSError:
-        return []
+    """All processes below one, whichever of its threads started them (Linux)."""
+    direct: list[int] = []
+    for children in pathlib.Path(f"/proc/{pid}/task").glob("*/children"):
+        try:
+            direct += map(int, children.read_text().split())
+        except OSError:
+            continue
     return direct + [deeper for child in direct for deeper in below(child)]
 
 
