@@ -89,6 +89,13 @@ def make_arguments(
     return Arguments(*ends, lower_rows, upper_rows, parameters, fractions)
 
 
+def disturbed(arguments: Arguments, seed: int) -> Arguments:
+    """The same problem from another guess: every variable moved by about 0.05 or 0.1, within its bounds."""
+    generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
+    noise = 0.05 * (1 + seed % 2) * generator.standard_normal(arguments.guess.shape)
+    return arguments._replace(guess=np.clip(arguments.guess + noise, arguments.lower, arguments.upper))
+
+
 def _make_room(low: np.ndarray, high: np.ndarray, pin: Side) -> None:
     """Widen the bounds of a boundary's node, in place, where the pin holds already."""
     if pin.face is NO_ROW:

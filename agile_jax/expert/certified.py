@@ -7,6 +7,7 @@ impossible; it needs more time than T, or a boundary elsewhere, and is left to t
 """
 
 import itertools
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ from agile_jax.scene import POSE_SIZE
 
 SHORTEST_DURATION = 1e-2  # [s] below it the program is badly scaled, and nobody needs a fast path
 SAME_TIME = 1e-7  # [s] within which a node counts for both phases that meet there
+SCAN, SECTIONS = 8, 14  # evaluations of the search for the time of one boundary
+GOLDEN = (5**0.5 - 1) / 2
 
 
 class CertifiedSolver(NamedTuple):
@@ -45,17 +48,13 @@ def applies(settings: ExpertSettings) -> bool:
     )
 
 
-def crossing_times(route: Route, profile: Profile) -> list[float]:
-    """When the slowest axis passes the route's boundaries, all pinned on that axis, in axis-aligned boxes [s]."""
-    return [profile.time_at(pin.normal[pin.axis] * pin.value) for pin in route.pins]
-
-
 def solve_certified(
     solver: CertifiedSolver, route: Route, profile: Profile, start: np.ndarray, target: np.ndarray
 ) -> tuple[Trajectory, float] | None:
     """The trajectory along a route that takes the lower bound's time with the least effort, and that effort [s].
 
-    None when the route does not allow it.
+    None when the route does not allow it, or has more than one boundary on other axes than the slowest. The time of
+    one such boundary is found by a search in one variable: a scan, then golden sections. It depends on no guess.
 
     Args:
         solver: of `make_certified_solver`.
@@ -63,10 +62,70 @@ def solve_certified(
         profile: `slowest_axis` of start and target.
         start, target: poses, shape (4,).
     """
-    settings, axis = solver.settings, profile.axis
-    if profile.duration < SHORTEST_DURATION or any(pin.axis != axis for pin in route.pins):
+    if profile.duration < SHORTEST_DURATION:
         return None
-    crossings = crossing_times(route, profile)
+    values = [pin.normal[pin.axis] * pin.value for pin in route.pins]
+    crossings = [profile.time_at(value) for value in values]
+    unknown = [p for p, pin in enumerate(route.pins) if pin.axis != profile.axis]
+    if not unknown:
+        return _solve_at(solver, route, profile, start, target, crossings)
+    if len(unknown) > 1:
+        return None
+
+    p = unknown[0]
+    before = crossings[p - 1] if p > 0 else 0.0
+    after = crossings[p + 1] if p + 1 < len(crossings) else profile.duration
+
+    def at(time: float) -> tuple[Trajectory, float] | None:
+        crossings[p] = time
+        return _solve_at(solver, route, profile, start, target, crossings)
+
+    return _search(at, before, after)
+
+
+def _search(
+    at: Callable[[float], tuple[Trajectory, float] | None], low: float, high: float
+) -> tuple[Trajectory, float] | None:
+    """The least effort over a time in (low, high); None when all that were tried are infeasible."""
+    scan = np.linspace(low, high, SCAN + 2)
+    results = [None, *(at(float(time)) for time in scan[1:-1]), None]
+    efforts = [np.inf if result is None else result[1] for result in results]
+    k = int(np.argmin(efforts))
+    if not np.isfinite(efforts[k]):
+        return None
+    best = results[k]
+    a, b = float(scan[k - 1]), float(scan[k + 1])
+    inner = [b - GOLDEN * (b - a), a + GOLDEN * (b - a)]
+    found = [at(time) for time in inner]
+    for _ in range(SECTIONS):
+        values = [np.inf if result is None else result[1] for result in found]
+        for result in found:
+            if result is not None and (best is None or result[1] < best[1]):
+                best = result
+        if not np.isfinite(values).any():  # what is feasible is around the best of the scan
+            middle = float(scan[k])
+            a, b = (a + middle) / 2, (b + middle) / 2
+            inner = [b - GOLDEN * (b - a), a + GOLDEN * (b - a)]
+            found = [at(time) for time in inner]
+        elif values[0] <= values[1]:
+            b, inner = inner[1], [inner[1] - GOLDEN * (inner[1] - a), inner[0]]
+            found = [at(inner[0]), found[0]]
+        else:
+            a, inner = inner[0], [inner[1], inner[0] + GOLDEN * (b - inner[0])]
+            found = [found[1], at(inner[1])]
+    return best
+
+
+def _solve_at(
+    solver: CertifiedSolver,
+    route: Route,
+    profile: Profile,
+    start: np.ndarray,
+    target: np.ndarray,
+    crossings: Sequence[float],
+) -> tuple[Trajectory, float] | None:
+    """`solve_certified` for boundaries that are crossed at given times."""
+    settings, axis = solver.settings, profile.axis
     if any(b < a for a, b in itertools.pairwise(crossings)):
         return None
     times = make_grid([*crossings, *profile.switches], profile.duration, settings.nodes)
@@ -75,10 +134,13 @@ def solve_certified(
 
     lower = np.full((len(times), POSE_SIZE), -np.inf)
     upper = np.full((len(times), POSE_SIZE), np.inf)
-    edges = [0.0, *crossings, profile.duration]
-    for region, begin, end in zip(route.regions, edges, edges[1:], strict=False):
+    for region, begin, end in zip(route.regions, [0.0, *crossings], [*crossings, profile.duration], strict=True):
         phase = (times >= begin - SAME_TIME) & (times <= end + SAME_TIME)
         lower[phase], upper[phase] = np.maximum(lower[phase], region.lower), np.minimum(upper[phase], region.upper)
+    for pin, time in zip(route.pins, crossings, strict=True):
+        if pin.axis != axis:
+            node = int(np.argmin(np.abs(times - time)))
+            lower[node, pin.axis] = upper[node, pin.axis] = pin.normal[pin.axis] * pin.value
 
     position, rate, control = profile.states(times)
     if (position < lower[:, axis] - SAME_TIME).any() or (position > upper[:, axis] + SAME_TIME).any():

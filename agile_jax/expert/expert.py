@@ -41,9 +41,10 @@ class Expert(NamedTuple):
 def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     """The expert for a scene.
 
-    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop")` takes a pose, shape (4,) [m, rad], and
-        returns an `ExpertSolution`; it does not raise for a start without solution (status "failed"). `first` names
-        the rung of the ladder to begin with (ladder.py). `check_start` refuses bad starts. With planner "2d" the
+    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop", guess=0)` takes a pose, shape (4,),
+        and returns an `ExpertSolution`; it does not raise for a start without solution (status "failed"). `first` names
+        the rung of the ladder to begin with (ladder.py), `guess` one of its initial guesses; labels must not depend
+        on either. `check_start` refuses bad starts. With planner "2d" the
         start's height is replaced by the target's.
 
     Raises:
@@ -61,17 +62,30 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             certified[condition] = make_certified_solver(settings, condition)
         found: list[tuple[Route, Trajectory, float]] = []
         least = np.inf
+        detours: list[Route] = []  # need a search each; they describe what another route often does without
+
+        def attempt(route: Route) -> float:
+            attained = solve_certified(certified[condition], route, profile, start, scene.target)
+            if attained is None:
+                return np.inf
+            trajectory, effort = attained
+            objective = profile.duration + settings.effort_weight * effort
+            found.append((route, trajectory, objective))
+            return objective
+
         for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
             if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
                 break
             if route.duration_bound > profile.duration * (1 + TIE):
                 continue
-            attained = solve_certified(certified[condition], route, profile, start, scene.target)
-            if attained is not None:
-                trajectory, effort = attained
-                objective = profile.duration + settings.effort_weight * effort
-                found.append((route, trajectory, objective))
-                least = min(least, objective)
+            if any(pin.axis != profile.axis for pin in route.pins):
+                detours.append(route)
+            else:
+                least = min(least, attempt(route))
+        if not found:
+            for route in detours:
+                if route.objective_bound <= least * (1 + TIE):
+                    least = min(least, attempt(route))
         candidates: dict[str, Candidate] = {}
         for route, trajectory, objective in found:
             branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
@@ -87,7 +101,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             del candidates[best.branch]
         return None
 
-    def solve(start: Any, initial_velocity: str | None = None, first: str = "fatrop") -> ExpertSolution:
+    def solve(start: Any, initial_velocity: str | None = None, first: str = "fatrop", guess: int = 0) -> ExpertSolution:
         began = time.perf_counter()
         start = np.array(start, float)
         if settings.planner == "2d":
@@ -112,7 +126,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
             if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
                 break
-            candidate = ladder.solve(space, route, start, condition, profile, first)
+            candidate = ladder.solve(space, route, start, condition, profile, first, guess)
             if isinstance(candidate, str):
                 causes.append(f"{len(route.regions)} phases: {candidate}")
                 continue

@@ -63,6 +63,7 @@ class Ladder:
         initial_velocity: str,
         profile: Profile | None,
         first: str = "fatrop",
+        guess: int = 0,
     ) -> Candidate | str:
         """The verified solution along a route, or why there is none.
 
@@ -73,8 +74,9 @@ class Ladder:
             initial_velocity: "rest" or "free".
             profile: of the slowest axis.
             first: name of the rung to begin with; those before it are tried last.
+            guess: 0 for the usual initial guess; other numbers disturb it, each in its own way.
         """
-        from agile_jax.expert.arguments import make_arguments
+        from agile_jax.expert.arguments import disturbed, make_arguments
         from agile_jax.expert.transcription import solve_program
 
         scene, settings = self._scene, self._settings
@@ -86,6 +88,8 @@ class Ladder:
         for rung in RUNGS[begin:] + RUNGS[:begin]:
             program = self._program(phases, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
             arguments = make_arguments(route, program, start, scene.target, settings, profile, rung.slowness)
+            if guess:
+                arguments = disturbed(arguments, guess)
             trajectory, objective, success, status = solve_program(program, arguments)
             residuals = verify(scene, settings, trajectory, start, initial_velocity)
             cause = rejection(residuals)
