@@ -28,6 +28,7 @@ def make_arguments(
     settings: ExpertSettings,
     profile: Profile | None = None,
     slowness: float = 1.0,
+    boundaries: np.ndarray | None = None,
 ) -> Arguments:
     """Bounds, grid and initial guess of a route.
 
@@ -38,6 +39,7 @@ def make_arguments(
         settings: bounds.
         profile: of the slowest axis. Its switches become nodes, which lets the least time be attained.
         slowness: factor on the durations of the guess, straight lines through the waypoints.
+        boundaries: when the phases begin and end, shape (P+1,) [s], where the profile does not tell.
     """
     points = waypoints(route, start, target)
     velocity, acceleration = np.array(settings.velocity), np.array(settings.acceleration)
@@ -74,7 +76,7 @@ def make_arguments(
         ):
             target_list.append(rows.ravel()[:-POSE_SIZE] if last else np.append(rows.ravel(), extra))
     lower_rows, upper_rows = _row_bounds(route, program, velocity)
-    fractions = _fractions(route, program, profile, settings)
+    fractions = _fractions(route, program, profile, settings, boundaries)
     faces = [region.faces if len(region.faces) else np.empty((0, 4)) for region in route.regions]
     parameters = np.concatenate(
         [
@@ -142,15 +144,24 @@ def _row_bounds(route: Route, program: Program, velocity: np.ndarray) -> tuple[n
     return np.array(lower), np.array(upper)
 
 
-def _fractions(route: Route, program: Program, profile: Profile | None, settings: ExpertSettings) -> np.ndarray:
+def _fractions(
+    route: Route,
+    program: Program,
+    profile: Profile | None,
+    settings: ExpertSettings,
+    boundaries: np.ndarray | None,
+) -> np.ndarray:
     """Lengths of all intervals (T,), as fractions of their phase: even between the switches of the slowest axis."""
     even = np.concatenate([np.full(count, 1 / count) for count in program.intervals])
     if profile is None or settings.zero_end_controls or settings.transcription != "zoh" or profile.duration <= 0:
         return even
-    if any(pin.axis != profile.axis or abs(pin.normal[pin.axis]) != 1 for pin in route.pins):
+    if boundaries is not None:
+        edges = boundaries.tolist()
+    elif any(pin.axis != profile.axis or abs(pin.normal[pin.axis]) != 1 for pin in route.pins):
         return even
-    values = [pin.normal[pin.axis] * (pin.value + pin.reach / 2) for pin in route.pins]
-    edges = [0.0, *(profile.time_at(value) for value in values), profile.duration]
+    else:
+        values = [pin.normal[pin.axis] * (pin.value + pin.reach / 2) for pin in route.pins]
+        edges = [0.0, *(profile.time_at(value) for value in values), profile.duration]
     pieces = []
     for count, (begin, end) in zip(program.intervals, itertools.pairwise(edges), strict=True):
         apart = max(end - begin, 0.0) * LEAST_STEP / count

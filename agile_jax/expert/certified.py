@@ -21,7 +21,7 @@ from agile_jax.scene import POSE_SIZE
 
 SHORTEST_DURATION = 1e-2  # [s] below it the program is badly scaled, and nobody needs a fast path
 SAME_TIME = 1e-7  # [s] within which a node counts for both phases that meet there
-SCAN, SECTIONS = 8, 14  # evaluations of the search for the time of one boundary
+SCAN, SECTIONS = 6, 10  # evaluations of the search for the time of one boundary
 GOLDEN = (5**0.5 - 1) / 2
 
 

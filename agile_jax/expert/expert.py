@@ -62,7 +62,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             certified[condition] = make_certified_solver(settings, condition)
         found: list[tuple[Route, Trajectory, float]] = []
         least = np.inf
-        detours: list[Route] = []  # need a search each; they describe what another route often does without
+        detours: list[Route] = []  # they need a search each, so that the others go first
 
         def attempt(route: Route) -> float:
             attained = solve_certified(certified[condition], route, profile, start, scene.target)
@@ -82,10 +82,9 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
                 detours.append(route)
             else:
                 least = min(least, attempt(route))
-        if not found:
-            for route in detours:
-                if route.objective_bound <= least * (1 + TIE):
-                    least = min(least, attempt(route))
+        for route in detours:
+            if route.objective_bound <= least * (1 + TIE):
+                least = min(least, attempt(route))
         candidates: dict[str, Candidate] = {}
         for route, trajectory, objective in found:
             branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])

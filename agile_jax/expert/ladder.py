@@ -17,6 +17,9 @@ from agile_jax.expert.verify import rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene
 
 FEWEST_INTERVALS = 4  # in a phase
+REFINEMENTS = 1  # of the time grid
+NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
+SETTLED = 1e-6  # [s] of the objective, the least gain that is worth another refinement
 CERTIFIED = "certified"  # the method of labels from the fast path
 
 
@@ -87,16 +90,31 @@ class Ladder:
         causes = []
         for rung in RUNGS[begin:] + RUNGS[:begin]:
             program = self._program(phases, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
-            arguments = make_arguments(route, program, start, scene.target, settings, profile, rung.slowness)
-            if guess:
-                arguments = disturbed(arguments, guess)
-            trajectory, objective, success, status = solve_program(program, arguments)
-            residuals = verify(scene, settings, trajectory, start, initial_velocity)
-            cause = rejection(residuals)
-            if success and not cause:
-                branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
-                return Candidate(branch, route.detours, trajectory, objective, residuals, rung.name)
-            causes.append(f"{rung.name}: " + (cause if success else f"status {status}"))
+            best: Candidate | None = None
+            boundaries = None
+            for _ in range(1 + REFINEMENTS):
+                arguments = make_arguments(
+                    route, program, start, scene.target, settings, profile, rung.slowness, boundaries
+                )
+                if guess:
+                    arguments = disturbed(arguments, guess)
+                trajectory, objective, success, status = solve_program(program, arguments)
+                residuals = verify(scene, settings, trajectory, start, initial_velocity)
+                cause = rejection(residuals)
+                if not success or cause:
+                    causes.append(f"{rung.name}: " + (cause if success else f"status {status}"))
+                    break
+                gained = np.inf if best is None else best.objective - objective
+                if gained > 0:
+                    branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
+                    best = Candidate(branch, route.detours, trajectory, objective, residuals, rung.name)
+                attained = profile is not None and trajectory.times[-1] <= profile.duration * (1 + NEARLY)
+                if not route.detours or not attained or gained < SETTLED:
+                    break
+                # The profile told nothing about these boundaries; now that they are known, its switches can be nodes.
+                boundaries = trajectory.times[np.cumsum([0, *program.intervals])]
+            if best is not None:
+                return best
         return "; ".join(causes)
 
     def _program(self, phases: int, initial_velocity: str, solver: str, obstacles: int) -> Any:

@@ -22,7 +22,7 @@ class ExpertSettings(Settings):
     clearance_margin: NonNegative = 0.025  # epsilon of equation 2 [m]
     initial_velocity: Literal["rest", "free"] = "rest"  # rest: the paper; free: the best one within the bounds
     # Weight of the integral of sum (u_i / a_i)^2 in the objective [-]; makes labels unique (expert/__init__.py).
-    effort_weight: Annotated[float, Field(gt=0, le=1)] = 1e-2
+    effort_weight: Annotated[float, Field(gt=0, le=1)] = 5e-3
     # Piecewise-constant acceleration, piecewise-linear acceleration (Hermite-Simpson), trapezoidal collocation.
     transcription: Literal["zoh", "foh", "trapezoidal"] = "zoh"
     # axis: |v_i| <= velocity_i; planar_norm: in the plane (v_x / velocity_x)^2 + (v_y / velocity_y)^2 <= 1.
