@@ -35,10 +35,11 @@ UNITS = {
     "draws": "drawn, rejected for collision, rejected for bounds",
     "times": "[s]",
     "states": "x y z yaw and their rates [m m m rad, m/s m/s m/s rad/s]",
-    "controls": "accelerations, constant over each interval [m/s^2 m/s^2 m/s^2 rad/s^2]",
+    "controls": "accelerations [m/s^2 m/s^2 m/s^2 rad/s^2], one an interval, or one a node and linear in between",
     "duration, lower_bound": "[s]",
     "gap": "(duration - lower_bound) / max(lower_bound, 0.1 s)",
     "objective": "duration + effort_weight * integral of sum (u_i / a_i)^2 dt [s]",
+    "method": "certified: closed-form least time; else the rung of the general program's ladder",
     "clearance_violation, min_clearance": "[m]",
 }
 OWN_FILES = {"manifest.json", "summary.json", "timing.json", "quarantine", "stage.json"}
