@@ -25,8 +25,8 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "imageio_ffmpeg": {"report"},
     "PIL": {"report"},
     "mujoco": {"robot", "simulation", "report"},
-    "dask": {"engine.py"},
-    "distributed": {"engine.py"},
+    "dask": {"engine"},
+    "distributed": {"engine"},
     "optuna": {"sweep"},
     "tyro": {"cli"},
 }

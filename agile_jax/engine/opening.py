@@ -1,0 +1,136 @@
+"""Opening an engine: here, in local processes on the loopback interface, or on a running cluster."""
+
+import logging
+import os
+import signal
+import sys
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib.metadata import version
+from typing import Any
+
+from agile_jax.engine.dask_engine import DaskEngine
+from agile_jax.engine.tasks import Engine, InlineEngine, describe
+from agile_jax.settings import BadInput
+
+# One thread a worker: numerical libraries that start their own would fight over the cores, and could change last
+# digits.
+THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")}
+ALLOWED_DEATHS = 2  # of workers under one task, before the task is given up
+
+
+def check_engine(address: str, workers: int | None) -> None:
+    """Refuse what `open_engine` cannot understand (BadInput), without starting or asking anything."""
+    if workers is not None and workers < 1:
+        raise BadInput(f"engine workers = {workers} must be at least 1")
+    if address not in ("local", "inline") and not address.startswith(("tcp://", "tls://")):
+        raise BadInput(f'engine address "{address}" is none of "local", "inline", "tcp://host:port"')
+
+
+@contextmanager
+def open_engine(address: str = "local", workers: int | None = None) -> Iterator[Engine]:
+    """Open an engine; leaving the context, also by Ctrl-C, ends its processes.
+
+    Args:
+        address: "local" for processes on this machine, "inline" for none, or "tcp://host:port" of a dask scheduler.
+        workers: local processes; None takes one for each core that this process may use.
+
+    Raises:
+        BadInput: unknown address, no scheduler answers there, or its processes cannot be used.
+    """
+    check_engine(address, workers)
+    if address == "inline":
+        yield InlineEngine()
+    elif address == "local":
+        with _local_client(workers or len(os.sched_getaffinity(0))) as client:
+            yield DaskEngine(client)
+    else:
+        with _remote_client(address) as client:
+            yield DaskEngine(client)
+
+
+@contextmanager
+def _local_client(workers: int) -> Iterator[Any]:
+    import dask
+    from distributed import Client, LocalCluster
+
+    quiet = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
+    with (
+        tempfile.TemporaryDirectory(prefix="agile-engine-", ignore_cleanup_errors=True) as scratch,
+        dask.config.set(quiet),
+        LocalCluster(
+            n_workers=workers,
+            threads_per_worker=1,
+            processes=True,
+            host="127.0.0.1",
+            dashboard_address="127.0.0.1:0",  # None would still take port 8787, and complain when it is taken
+            silence_logs=logging.CRITICAL,
+            memory_limit=0,
+            local_directory=scratch,
+            env=THREADS,
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        client.register_plugin(_ignore_interrupts())
+        yield client
+
+
+def _ignore_interrupts() -> Any:
+    """Ctrl-C reaches every process of the terminal; only this one should act on it, and then close the workers."""
+    from distributed import WorkerPlugin
+
+    class IgnoreInterrupts(WorkerPlugin):
+        def setup(self, worker: Any) -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+
+    return IgnoreInterrupts()
+
+
+@contextmanager
+def _remote_client(address: str) -> Iterator[Any]:
+    from distributed import Client
+
+    try:
+        client = Client(address, timeout="4s")
+    except (OSError, TimeoutError, ValueError) as error:
+        raise BadInput(f"engine address {address}: no dask scheduler answers ({describe(error)})") from None
+    with client:
+        _check_cluster(client, address)
+        yield client
+
+
+def software() -> dict[str, str]:
+    """The versions that labels depend on, here."""
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    return {"python": python} | {name: version(name) for name in ("agile_jax", "casadi", "numpy")}
+
+
+def _check_cluster(client: Any, address: str) -> None:
+    """Refuse a cluster (BadInput) on which tasks would fail, disturb each other or give other last digits."""
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    if not workers:
+        raise BadInput(f"engine address {address}: the scheduler has no workers")
+    problems = []
+    for worker, about in workers.items():
+        if about["nthreads"] != 1:
+            problems.append(
+                f"worker {worker} has {about['nthreads']} threads; the solvers are not thread-safe, "
+                "start it with --nthreads 1"
+            )
+        if about["nanny"] is None:
+            problems.append(f"worker {worker} has no nanny to replace it, start it without --no-nanny")
+    here = software()
+    everywhere = {f"worker {worker}": there for worker, there in client.run(software, on_error="return").items()}
+    try:
+        everywhere["the scheduler"] = client.run_on_scheduler(software)
+    except Exception as error:
+        everywhere["the scheduler"] = error
+    for who, there in everywhere.items():
+        if isinstance(there, BaseException):
+            problems.append(f"{who} cannot use agile_jax ({describe(there)})")
+        else:
+            differing = [name for name in here if there[name] != here[name]]
+            problems += [f"{who} has {name} {there[name]}, here it is {here[name]}" for name in differing]
+    if problems:
+        raise BadInput("\n".join([f"engine address {address}: it cannot be used", *problems]))
