@@ -27,8 +27,8 @@ class Cluster:
         self.scheduler = self.start("scheduler", "--host", "127.0.0.1", "--port", "0", "--no-dashboard")
         self.address = self.wait_for_line("0.log", "Scheduler at:").split()[-1]
 
-    def start(self, *arguments: str) -> subprocess.Popen[bytes]:
-        path = os.pathsep.join([str(pathlib.Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
+    def start(self, *arguments: str, first_path: str = "") -> subprocess.Popen[bytes]:
+        path = os.pathsep.join([first_path, str(pathlib.Path(__file__).parent), os.environ.get("PYTHONPATH", "")])
         with (self.folder / f"{len(self.processes)}.log").open("wb") as log:
             process = subprocess.Popen(
                 [sys.executable, "-m", "dask", *arguments],
@@ -40,12 +40,12 @@ class Cluster:
         self.processes.append(process)
         return process
 
-    def start_worker(self, *options: str) -> subprocess.Popen[bytes]:
+    def start_worker(self, *options: str, first_path: str = "") -> subprocess.Popen[bytes]:
         """Start one worker and wait until it is registered."""
         options = options or ("--nthreads", "1")
         name = f"{len(self.processes)}.log"
         place = ["--no-dashboard", "--host", "127.0.0.1", "--local-directory", str(self.folder)]
-        process = self.start("worker", self.address, *place, *options)
+        process = self.start("worker", self.address, *place, *options, first_path=first_path)
         self.wait_for_line(name, "Registered to:")
         return process
 
@@ -59,9 +59,8 @@ class Cluster:
         raise AssertionError((self.folder / name).read_text())
 
     def stop(self) -> None:
-        for process in self.processes[::-1]:
+        for process in self.processes[::-1]:  # the scheduler last: workers would try to find it again
             process.send_signal(signal.SIGINT)
-        for process in self.processes:
             try:
                 process.wait(20)
             except subprocess.TimeoutExpired:
@@ -139,13 +138,19 @@ def test_both_workers_work_and_killed_and_hung_ones_are_replaced(cluster: Cluste
 
 
 @pytest.mark.slow
-def test_workers_that_cannot_be_used_are_refused_and_late_ones_used(bare_cluster: Cluster) -> None:
+def test_workers_that_cannot_be_used_are_refused_and_late_ones_used(
+    bare_cluster: Cluster, tmp_path: pathlib.Path
+) -> None:
     with pytest.raises(BadInput, match="the scheduler has no workers"), open_engine(bare_cluster.address):
         pass
-    useless = bare_cluster.start_worker("--nthreads", "3", "--no-nanny")
+    other = tmp_path / "other" / "casadi-3.0.0.dist-info"  # found before the one that is installed
+    other.mkdir(parents=True)
+    (other / "METADATA").write_text("Metadata-Version: 2.1\nName: casadi\nVersion: 3.0.0\n")
+    useless = bare_cluster.start_worker("--nthreads", "3", "--no-nanny", first_path=str(other.parent))
     with pytest.raises(BadInput, match=r"has 3 threads") as caught, open_engine(bare_cluster.address):
         pass
     assert "has no nanny" in str(caught.value)
+    assert "has casadi 3.0.0, here it is" in str(caught.value)
     useless.send_signal(signal.SIGINT)
     useless.wait(30)
 
