@@ -127,6 +127,8 @@ def _check_cluster(client: Any, address: str) -> None:
     except Exception as error:
         everywhere["the scheduler"] = error
     for who, there in everywhere.items():
+        if isinstance(there, OSError):
+            continue  # it died a moment ago, and its nanny replaces it
         if isinstance(there, BaseException):
             problems.append(f"{who} cannot use agile_jax ({describe(there)})")
         else:
