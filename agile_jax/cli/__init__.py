@@ -23,6 +23,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
+    "benchmark": ("expert [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 
@@ -86,12 +87,21 @@ def _dispatch(name: str, argv: list[str]) -> int:
         near = difflib.get_close_matches(name, COMMANDS, 1)
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
-    if name != "schema":
+    if name == "benchmark":
+        _prepare_one_thread()
+    elif name != "schema":
         _prepare_jax()
     from agile_jax.cli import commands
 
     code: int = getattr(commands, name)(argv)
     return code
+
+
+def _prepare_one_thread() -> None:
+    """One thread for the numerical libraries of this process, before anything imports them."""
+    from agile_jax.engine import THREADS
+
+    os.environ.update(THREADS)
 
 
 def _prepare_jax() -> None:
