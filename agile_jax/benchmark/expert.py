@@ -235,5 +235,10 @@ def report(result: dict[str, Any]) -> str:
         cells = [number(metric["value"]) if metric else "" for metric in found]
         rows.append((f"{key} [{unit}]" if unit else key, cells))
     missing = [f"{name}: {text}" for name, text in result["peers"].items() if text == "not installed"]
+    missed = [
+        f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])} ({metric['meaning']})"
+        for key, metric in metrics.items()
+        if Metric(key, **metric).missed
+    ]
     problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
-    return "\n".join([f"{result['experiment']}: {problem}", "", table(names, rows), *missing])
+    return "\n".join([f"{result['experiment']}: {problem}", "", table(names, rows), *missing, *missed])

@@ -9,8 +9,8 @@ import sys
 import numpy as np
 import pytest
 
-from agile_jax.benchmark import TABLE, benchmark_expert
-from agile_jax.benchmark.metrics import Metric, table
+from agile_jax.benchmark import TABLE, benchmark_expert, report
+from agile_jax.benchmark.metrics import Metric, as_json, table
 from agile_jax.benchmark.opti_peer import make_opti_peer
 from agile_jax.benchmark.path import Path, dense_poses, integrate, measure
 from agile_jax.benchmark.rockit_peer import make_rockit_peer, rockit_is_installed
@@ -108,6 +108,9 @@ def test_a_target_is_missed_on_its_wrong_side_only():
     assert not Metric("k", 11.0, "", "higher", "", 10.0).missed
     assert Metric("k", 2e-4, "", "lower", "", 1e-4).missed
     assert not Metric("k", None, "", "lower", "", 1e-4).missed
+    found = as_json([Metric("opti.solved", 1, "", "", ""), Metric("opti.speed_ratio", 9.0, "", "higher", "fast", 10.0)])
+    text = report({"experiment": "n", "problem": {"starts": 1}, "peers": {}, "metrics": found})
+    assert text.endswith("missed: opti.speed_ratio is 9, its target 10 (fast)")
     assert table(["one", "two"], [("row", ["1", "22222"])]) == "     one    two\nrow    1  22222"
 
 
