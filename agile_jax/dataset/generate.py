@@ -51,6 +51,11 @@ class IncompleteDatasetError(RuntimeError):
     """Some shards could not be made; the others are kept. The text names them."""
 
 
+def shard_time_limit(settings: ExpertSettings) -> float:
+    """After which a shard's task counts as hung: a hundred times what it usually takes, at least a minute [s]."""
+    return max(60.0, 0.05 * settings.nodes * settings.shard_size)
+
+
 def generate(
     scene_settings: SceneSettings,
     expert_settings: ExpertSettings,
@@ -86,7 +91,7 @@ def generate(
         tasks = [ShardTask(scene_settings, expert_settings, seed, i) for i in missing]
         with engine() as opened:
             timing["workers"] = opened.workers
-            for position, result in opened.map(make_shard, tasks):
+            for position, result in opened.map(make_shard, tasks, time_limit_s=shard_time_limit(expert_settings)):
                 i = missing[position]
                 if isinstance(result, TaskFailure):
                     failures.append(f"shard {i}: {result.cause}")

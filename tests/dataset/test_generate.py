@@ -198,7 +198,7 @@ def test_dataset_grows_by_what_is_missing(copy, reference):
     class Counting:
         workers = 1
 
-        def map(self, function, tasks):
+        def map(self, function, tasks, time_limit_s=None):
             for i, task in enumerate(tasks):
                 made.append(task.shard)
                 yield i, function(task)
@@ -218,7 +218,7 @@ def test_failed_tasks_are_named_and_the_others_kept(tmp_path):
     class Failing:
         workers = 1
 
-        def map(self, function, tasks):
+        def map(self, function, tasks, time_limit_s=None):
             from agile_jax.engine import TaskFailure
 
             for i, task in enumerate(tasks):
