@@ -93,6 +93,9 @@ def failures(results: dict[str, StageResult]) -> list[str]:
     found = []
     if summary.get("unverified", 0):
         found.append(f"dataset: {summary['unverified']} trajectories did not pass the independent check")
+    if summary.get("attempted") and not summary.get("trajectories"):
+        causes = ", ".join(f"{cause}: {count}" for cause, count in summary.get("failed", {}).items())
+        found.append(f"dataset: none of {summary['attempted']} starts could be solved ({causes})")
     return found
 
 

@@ -1,5 +1,6 @@
 """The engine: same results everywhere, failures named, dead workers replaced, workers without JAX."""
 
+import ctypes
 import os
 import pathlib
 import signal
@@ -41,6 +42,26 @@ def die_once(task):
         marker.touch()
         os.kill(os.getpid(), signal.SIGKILL)
     return index
+
+
+def sleep_when_asked(task):
+    index, seconds = task
+    time.sleep(seconds)
+    return index
+
+
+def hang_once(task):
+    index, folder = task
+    marker = pathlib.Path(folder) / "hung"
+    if index == 0 and not marker.exists():
+        marker.touch()
+        hang_in_native_code()
+    return index
+
+
+def hang_in_native_code():
+    """Keep the interpreter's lock for ever, so that neither a signal handler nor another thread gets to run."""
+    ctypes.PyDLL(None).sleep(10_000)
 
 
 def always_die(index):
@@ -109,6 +130,27 @@ def test_task_that_always_kills_its_worker_fails_alone(local):
     assert failure.index == 1
     assert "KilledWorker" in failure.cause
     assert results == {i: i for i in (0, 2, 3, 4)}
+
+
+def test_hung_task_is_cut_off_and_fails_alone(local):
+    began = time.monotonic()
+    tasks = [(i, 1000 if i == 1 else 0.1) for i in range(5)]
+    results = dict(local.map(sleep_when_asked, tasks, time_limit_s=2))
+    assert results.pop(1) == TaskFailure(1, "cut off after 2 s, 2 times")
+    assert results == {i: i for i in (0, 2, 3, 4)}
+    assert time.monotonic() - began < 60
+    assert sorted(local.map(square, range(4))) == [(i, i * i) for i in range(4)]  # its worker was replaced
+
+
+def test_task_that_hangs_once_with_the_interpreter_locked_costs_nothing(local, tmp_path):
+    results = local.map(hang_once, [(i, str(tmp_path)) for i in range(4)], time_limit_s=2)
+    assert sorted(results) == [(i, i) for i in range(4)]
+    assert (tmp_path / "hung").exists()
+
+
+def test_time_limit_is_of_each_task_not_of_their_queue(local):
+    tasks = [(i, 0.7) for i in range(10)]  # 3.5 s in all on two workers
+    assert sorted(local.map(sleep_when_asked, tasks, time_limit_s=2.5)) == [(i, i) for i in range(10)]
 
 
 @pytest.mark.parametrize("address", ["nowhere", "http://x", "tcp://127.0.0.1:1"])

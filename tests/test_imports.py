@@ -14,7 +14,8 @@ LEAVES = {"settings", "files", "geometry", "lazy", "progress", "engine"}
 STAGES = ["scene", "expert", "dataset", "policy", "robot", "control", "simulation", "evaluation", "report"]
 
 HOMES = {  # where a heavy library may be imported; folders and files of the package
-    "casadi": {"expert"},
+    "casadi": {"expert", "benchmark"},
+    "rockit": {"benchmark"},
     "orbax": {"policy/checkpoint.py"},
     "flax": {"policy"},
     "optax": {"policy"},
@@ -25,12 +26,12 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "imageio_ffmpeg": {"report"},
     "PIL": {"report"},
     "mujoco": {"robot", "simulation", "report"},
-    "dask": {"engine.py"},
-    "distributed": {"engine.py"},
+    "dask": {"engine"},
+    "distributed": {"engine"},
     "optuna": {"sweep"},
     "tyro": {"cli"},
 }
-WITHOUT_JAX = {"scene", "expert", "dataset", "sweep", "cli"}  # and every module at the top of the package
+WITHOUT_JAX = {"benchmark", "scene", "expert", "dataset", "sweep", "cli"}  # and every module at the top of the package
 
 
 def imported(path: pathlib.Path) -> set[str]:

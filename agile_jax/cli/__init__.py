@@ -8,7 +8,7 @@ import signal
 import sys
 from collections.abc import Sequence
 
-from agile_jax.cli.environment import check_opengl, prepare_libraries
+from agile_jax.cli.environment import check_opengl, prepare_libraries, use_one_thread
 from agile_jax.interruption import Interrupted
 from agile_jax.settings import BadInput
 
@@ -23,6 +23,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
+    "benchmark": ("expert [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco
@@ -87,7 +88,9 @@ def _dispatch(name: str, argv: list[str]) -> int:
         near = difflib.get_close_matches(name, COMMANDS, 1)
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
-    if name != "schema":
+    if name == "benchmark":
+        use_one_thread()
+    elif name != "schema":
         prepare_libraries()
     if name in SIMULATING:
         check_opengl()

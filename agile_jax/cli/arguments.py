@@ -20,19 +20,23 @@ from agile_jax.validation import field_comments, nested_models
 Options = TypeVar("Options")
 
 
-def parse_experiment(command: str, options: Options, argv: Sequence[str]) -> tuple[Experiment, Options]:
+def parse_experiment(
+    command: str, options: Options, argv: Sequence[str], default: pathlib.Path | None = None
+) -> tuple[Experiment, Options]:
     """Parse `EXPERIMENT.toml [options]`: the experiment with its overrides, and the command's own options.
 
     Args:
         command: for the usage line.
         options: a dataclass instance with the defaults; tyro.MISSING where there is none.
         argv: the arguments after the command.
+        default: the file that is read when none is named.
 
     Raises:
         BadInput: no experiment, a bad file, or a bad value.
         SystemExit: with code 2 for an unknown option, 0 after --help.
     """
     path, rest = _split_path(argv)
+    path = path or default
     if path is None and not {"-h", "--help"} & set(rest):
         raise BadInput(
             f"which experiment? usage: agile {command} EXPERIMENT.toml [OPTIONS]; see `agile {command} --help`"

@@ -64,6 +64,16 @@ class RolloutOptions:
     """Film it, for example out.mp4."""
 
 
+@dataclasses.dataclass(frozen=True)
+class BenchmarkOptions:
+    """A benchmark of the expert."""
+
+    starts: int = 100
+    """Starts of the experiment's distribution."""
+    output: pathlib.Path | None = None
+    """Write all numbers there, for example benchmark.json."""
+
+
 def run(argv: list[str]) -> int:
     """`agile run`: all stages."""
     return _run_stages("run", "report", argv)
@@ -134,6 +144,30 @@ def rollout(argv: list[str]) -> int:
         result = run_episode(run_dir, options.start, options.video, progress)
     for key, value in result.items():
         print(f"{key:<24}{_number(value)}")
+    return DONE
+
+
+def benchmark(argv: list[str]) -> int:
+    """`agile benchmark expert`: the expert against the peers."""
+    subject, *rest = argv or [""]
+    if subject in ("-h", "--help"):
+        print("usage: agile benchmark expert [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
+        print("Solve the same starts with the expert and with its peers, in one thread, and print the ratios.")
+        return DONE
+    if subject != "expert":
+        raise BadInput(f"which benchmark? There is: expert{f', not {subject}' if subject else ''}")
+    from agile_jax.benchmark import TABLE, benchmark_expert, report
+    from agile_jax.files import write_json
+
+    experiment, options = parse_experiment("benchmark expert", BenchmarkOptions(), rest, TABLE)
+    if options.starts < 1:
+        raise BadInput(f"starts = {options.starts} must be at least 1")
+    with _progress() as progress:
+        result = benchmark_expert(experiment, options.starts, progress)
+    print(report(result))
+    if options.output is not None:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        write_json(options.output, result)
     return DONE
 
 

@@ -45,3 +45,10 @@ def check_opengl() -> None:
         )
     print(f"agile: MUJOCO_GL={value} does not work here ({complaint[0]}); going on without it", file=sys.stderr)
     del os.environ["MUJOCO_GL"]
+
+
+def use_one_thread() -> None:
+    """One thread for the numerical libraries of this process, before anything imports them: for benchmarks per core."""
+    from agile_jax.engine import THREADS
+
+    os.environ.update(THREADS)

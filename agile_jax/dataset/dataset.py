@@ -25,7 +25,7 @@ class Dataset(NamedTuple):
     indices: np.ndarray  # (n,) of the trajectories in the order of drawing; failed ones are missing
     times: np.ndarray  # (n, T+1) [s]
     states: np.ndarray  # (n, T+1, 8) [m, rad, m/s, rad/s]
-    controls: np.ndarray  # (n, T, 4) [m/s^2, rad/s^2]
+    controls: np.ndarray  # (n, T, 4), or (n, T+1, 4) at the nodes [m/s^2, rad/s^2]
     starts: np.ndarray  # (n, 4) [m, rad]
     durations: np.ndarray  # (n,) [s]
     lower_bounds: np.ndarray  # (n,) [s]

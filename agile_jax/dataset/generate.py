@@ -35,10 +35,11 @@ UNITS = {
     "draws": "drawn, rejected for collision, rejected for bounds",
     "times": "[s]",
     "states": "x y z yaw and their rates [m m m rad, m/s m/s m/s rad/s]",
-    "controls": "accelerations, constant over each interval [m/s^2 m/s^2 m/s^2 rad/s^2]",
+    "controls": "accelerations [m/s^2 m/s^2 m/s^2 rad/s^2], one an interval, or one a node and linear in between",
     "duration, lower_bound": "[s]",
     "gap": "(duration - lower_bound) / max(lower_bound, 0.1 s)",
     "objective": "duration + effort_weight * integral of sum (u_i / a_i)^2 dt [s]",
+    "method": "certified: closed-form least time; else the rung of the general program's ladder",
     "clearance_violation, min_clearance": "[m]",
 }
 OWN_FILES = {"manifest.json", "summary.json", "timing.json", "quarantine", "stage.json"}
@@ -48,6 +49,11 @@ logger = logging.getLogger(__name__)
 
 class IncompleteDatasetError(RuntimeError):
     """Some shards could not be made; the others are kept. The text names them."""
+
+
+def shard_time_limit(settings: ExpertSettings) -> float:
+    """After which a shard's task counts as hung: a hundred times what it usually takes, at least a minute [s]."""
+    return max(60.0, 0.05 * settings.nodes * settings.shard_size)
 
 
 def generate(
@@ -85,7 +91,7 @@ def generate(
         tasks = [ShardTask(scene_settings, expert_settings, seed, i) for i in missing]
         with engine() as opened:
             timing["workers"] = opened.workers
-            for position, result in opened.map(make_shard, tasks):
+            for position, result in opened.map(make_shard, tasks, time_limit_s=shard_time_limit(expert_settings)):
                 i = missing[position]
                 if isinstance(result, TaskFailure):
                     failures.append(f"shard {i}: {result.cause}")

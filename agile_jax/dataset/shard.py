@@ -13,13 +13,13 @@ from typing import NamedTuple
 import numpy as np
 
 from agile_jax.dataset.starts import draw_start
-from agile_jax.expert import Expert, ExpertSettings, ExpertSolution, make_expert
+from agile_jax.expert import Expert, ExpertSettings, ExpertSolution, Residuals, make_expert
 from agile_jax.files import hash_json
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene
 
-SCHEMA = 1
-CAUSE_LENGTH, BRANCH_LENGTH = 240, 48
-RESIDUALS = ("dynamics_residual", "end_residual", "bound_violation", "clearance_violation", "min_clearance")
+SCHEMA = 2
+CAUSE_LENGTH, BRANCH_LENGTH, METHOD_LENGTH = 480, 48, 24
+RESIDUALS = Residuals._fields
 NUMBERS = ("duration", "lower_bound", "gap", "objective", *RESIDUALS)
 
 
@@ -88,6 +88,7 @@ def make_shard(task: ShardTask) -> ShardResult:
         "controls": np.stack([s.trajectory.controls for s in solutions]),
         "solved": np.array([s.status == "solved" for s in solutions]),
         "branch": np.array([s.branch[:BRANCH_LENGTH] for s in solutions], dtype=f"U{BRANCH_LENGTH}"),
+        "method": np.array([s.method[:METHOD_LENGTH] for s in solutions], dtype=f"U{METHOD_LENGTH}"),
         "cause": np.array([s.cause[:CAUSE_LENGTH] for s in solutions], dtype=f"U{CAUSE_LENGTH}"),
         **{name: np.array([getattr(s, name) for s in solutions], float) for name in NUMBERS},
     }
@@ -122,9 +123,10 @@ def decode(data: bytes, settings: ExpertSettings, key: str, index: int) -> dict[
         "draws": ((n, 3), "i"),
         "times": ((n, t + 1), "f"),
         "states": ((n, t + 1, 2 * POSE_SIZE), "f"),
-        "controls": ((n, t, POSE_SIZE), "f"),
+        "controls": ((n, t + (settings.transcription != "zoh"), POSE_SIZE), "f"),
         "solved": ((n,), "b"),
         "branch": ((n,), "U"),
+        "method": ((n,), "U"),
         "cause": ((n,), "U"),
         **{name: ((n,), "f") for name in NUMBERS},
     }

@@ -8,6 +8,8 @@ import numpy as np
 from agile_jax.dataset.dataset import SPLITS, Dataset, accepted, split_mask
 from agile_jax.dataset.settings import DatasetSettings
 
+FIRST_METHODS = ("certified", "fatrop")  # the others are rungs that solved what these could not
+
 
 def summarise(
     shards: list[dict[str, np.ndarray]],
@@ -33,6 +35,7 @@ def summarise(
     solve_times = [t for entry in entries for t in entry["solve_ms"]]
     drawn, collisions, outside = (int(n) for n in whole["draws"].sum(0))
     causes = Counter(cause.partition(":")[0] for cause in whole["cause"][~solved].tolist())
+    methods = dict(sorted(Counter(whole["method"][good].tolist()).items()))
     index = whole["index"][good]
     # Only indices and seed matter for the split.
     empty = np.empty(0)
@@ -50,6 +53,8 @@ def summarise(
         "rejected_starts_bounds": outside,
         "failed": dict(sorted(causes.items())),
         "unverified": int((solved & ~good).sum()),
+        "methods": methods,
+        "rescued": {name: count for name, count in methods.items() if name not in FIRST_METHODS},
         "branches": dict(sorted(Counter(whole["branch"][good].tolist()).items())),
         "labels_per_second": len(solve_times) / seconds if seconds > 0 else None,
         "solve_time_ms_median": float(np.median(solve_times)) if solve_times else None,
@@ -58,6 +63,7 @@ def summarise(
         "max_clearance_violation_m": over("clearance_violation", np.max),
         "min_clearance_m": over("min_clearance", np.min) if np.isfinite(whole["min_clearance"]).all() else None,
         "max_dynamics_residual": over("dynamics_residual", np.max),
+        "max_integration_defect": over("integration_defect", np.max),
         "max_end_residual": over("end_residual", np.max),
         "max_bound_violation": over("bound_violation", np.max),
         "optimality_gap_median": over("gap", np.median),

@@ -10,6 +10,7 @@ from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.scene import SceneSettings, make_scene
 
 CHUNK = 16  # starts a task
+CHUNK_TIME_LIMIT_S = 120.0  # after which a task counts as hung
 
 
 def solve_chunk(task: tuple[SceneSettings, ExpertSettings, np.ndarray]) -> tuple[np.ndarray, list[str]]:
@@ -43,7 +44,7 @@ def expert_times(
     chunks = [starts[i : i + CHUNK] for i in range(0, len(starts), CHUNK)]
     results: dict[int, tuple[np.ndarray, list[str]]] = {}
     with engine() as workers:
-        for index, result in workers.map(solve_chunk, [(scene, expert, chunk) for chunk in chunks]):
+        for index, result in workers.map(solve_chunk, [(scene, expert, chunk) for chunk in chunks], CHUNK_TIME_LIMIT_S):
             if isinstance(result, TaskFailure):
                 raise RuntimeError(f"the expert failed on starts {index * CHUNK} and following: {result.cause}")
             results[index] = result

@@ -1,10 +1,17 @@
-"""Free space as a union of axis-aligned boxes of poses.
+"""Free space as a union of regions of poses.
 
-The torso's footprint over every yaw between start and target is covered by one axis-aligned rectangle, each obstacle
-by its own bounding rectangle; both are exact for yaw 0 and conservative otherwise. An obstacle enlarged by the torso
-and the margin is then a box that a point must avoid, and outside it the point lies beyond one of its six faces. One
-choice per obstacle, within the bounds of the pose, is a `Region`. A trajectory whose nodes k and k+1 lie in the same
-region cannot cut a corner between them.
+The path keeps clear of an obstacle while the torso lies beyond one of its faces. One face per obstacle, within the
+bounds of the pose, is a `Region`. Nodes k and k+1 in the same region cannot cut a corner between them. There are two
+accounts of it:
+
+- boxes: the torso's footprint over every yaw between start and target is covered by one axis-aligned rectangle, each
+  obstacle by its own bounding rectangle. Regions are axis-aligned boxes of poses. Exact when the yaw does not change
+  and everything is parallel to the axes, conservative otherwise; what the fast path needs.
+- exact: faces keep the obstacle's yaw, and the footprint is that of the yaw at hand (rows of the program). Boxes around
+  these regions serve the search for routes and its lower bounds.
+
+A pose can keep the margin without being beyond any face, diagonally off an edge: such a start or target gets a side of
+its own.
 """
 
 from itertools import product
@@ -12,33 +19,46 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.separation import planar_separation
 from agile_jax.expert.settings import ExpertSettings
+from agile_jax.geometry import rotation_2d
 from agile_jax.scene import POSE_SIZE, Scene, obstacle_clearances
 from agile_jax.settings import BadInput
 
 # The path between two nodes is a parabola that leaves the box of its end points by at most a h^2 / 8: 0.4 mm for 1.5
 # m/s^2 and 46 ms.
 TIGHTENING = 5e-4  # [m]
+CONTAINMENT = 1e-9  # [m]
 YAW_SLACK = 1e-3  # [rad] an interval of yaw that is a point would leave the solver no interior
 FACES = (("left", 1, +1), ("right", 1, -1), ("front", 0, -1), ("back", 0, +1), ("under", 2, -1), ("over", 2, +1))
+PARALLEL = 1e-9  # [rad] an obstacle nearer to the axes than this is parallel to them
+NO_ROW = np.array([0.0, 0.0, 0.0, -1.0])  # a face that is always kept
 
 
 class Side(NamedTuple):
     """A convex part of the space around one obstacle."""
 
-    name: str  # a face's name, or "" for the cell around a start or target that is diagonally off an edge
-    axis: int  # of the face; -1 for a cell
-    value: float  # of the pose on the face [m]
-    lower: np.ndarray  # (4,) of the pose
+    name: str  # a face's name, or "" for the part around a start or target that is diagonally off an edge
+    normal: np.ndarray  # (3,) of the face, away from the obstacle; zero where there is no face to pin to
+    value: float  # the pose's position along the normal when the torso touches the face with its least footprint [m]
+    reach: float  # how much larger that can be with other yaws [m]
+    face: np.ndarray  # (4,) normal and offset of the face that the corners keep beyond; NO_ROW in boxes
+    lower: np.ndarray  # (4,) box around it, of the pose
     upper: np.ndarray  # (4,)
+
+    @property
+    def axis(self) -> int:
+        """The axis that the normal is nearest to."""
+        return int(np.argmax(np.abs(self.normal)))
 
 
 class Region(NamedTuple):
-    """A box of poses free of all obstacles: one side of each."""
+    """Poses free of all obstacles: on one side of each."""
 
     sides: tuple[int, ...]  # index of the side, per obstacle
     lower: np.ndarray  # (4,)
     upper: np.ndarray  # (4,)
+    faces: np.ndarray  # (n, 4) per obstacle
 
 
 class FreeSpace(NamedTuple):
@@ -47,6 +67,8 @@ class FreeSpace(NamedTuple):
     sides: tuple[tuple[Side, ...], ...]  # per obstacle
     heights: tuple[float, ...]  # of the obstacles' centres [m]
     regions: tuple[Region, ...]
+    half_size: np.ndarray  # (3,) of the torso
+    exact: bool  # whether faces have rows
 
 
 def planning_margin(settings: ExpertSettings) -> float:
@@ -98,20 +120,29 @@ def footprint(half_size: np.ndarray, yaws: tuple[float, float]) -> np.ndarray:
     return np.array(result)
 
 
-def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray) -> FreeSpace:
+def boxes_suffice(scene: Scene, start: np.ndarray) -> bool:
+    """Whether axis-aligned boxes describe the free space exactly: constant yaw, obstacles parallel to the axes."""
+    quarter_turns = scene.obstacle_yaws / (np.pi / 2)
+    parallel = np.abs(quarter_turns - np.round(quarter_turns)) < PARALLEL
+    return len(scene.obstacle_yaws) == 0 or (
+        abs(float(start[3] - scene.target[3])) < YAW_SLACK and bool(parallel.all())
+    )
+
+
+def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray, exact: bool = False) -> FreeSpace:
     """The regions for one start pose, shape (4,), in a fixed order."""
     lower, upper = scene.lower.astype(float), scene.upper.astype(float)
     lower[3] = min(start[3], scene.target[3]) - YAW_SLACK
     upper[3] = max(start[3], scene.target[3]) + YAW_SLACK
-    torso = np.append(footprint(scene.torso_half_size, (lower[3], upper[3])), scene.torso_half_size[2])
     margin = planning_margin(settings)
-
+    ends = (start, scene.target)
     per_obstacle = []
-    for center, half, yaw in zip(scene.obstacle_centers, scene.obstacle_half_sizes, scene.obstacle_yaws, strict=True):
-        body = torso + np.append(footprint(half, (yaw, yaw)), half[2])  # touching
-        sides = [_face(face, center, body + margin, lower, upper) for face in FACES]
-        cells = [_cell(pose, center, body, margin, lower, upper) for pose in (start, scene.target)]
-        per_obstacle.append(tuple(side for side in (*sides, *cells) if side is not None))
+    for i in range(len(scene.obstacle_centers)):
+        if exact:
+            sides = _exact_sides(scene, i, margin, lower, upper, ends)
+        else:
+            sides = _box_sides(scene, i, margin, lower, upper, ends)
+        per_obstacle.append(tuple(side for side in sides if (side.lower <= side.upper).all()))
 
     regions = []
     for choice in product(*(range(len(sides)) for sides in per_obstacle)):
@@ -119,22 +150,119 @@ def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray) -
         low = np.max([lower, *(side.lower for side in chosen)], axis=0)
         high = np.min([upper, *(side.upper for side in chosen)], axis=0)
         if (low <= high).all():
-            regions.append(Region(choice, low, high))
-    return FreeSpace(tuple(per_obstacle), tuple(scene.obstacle_centers[:, 2].tolist()), tuple(regions))
+            faces = np.array([side.face for side in chosen]).reshape(-1, 4)
+            regions.append(Region(choice, low, high, faces))
+    heights = tuple(scene.obstacle_centers[:, 2].tolist())
+    return FreeSpace(tuple(per_obstacle), heights, tuple(regions), scene.torso_half_size, exact)
 
 
-def _face(
-    face: tuple[str, int, int], center: np.ndarray, half: np.ndarray, lower: np.ndarray, upper: np.ndarray
-) -> Side | None:
-    """The half space beyond one face, or None when the bounds leave nothing of it."""
-    name, axis, sign = face
-    value = float(center[axis] + sign * half[axis])
+def holds(space: FreeSpace, region: Region, pose: np.ndarray) -> bool:
+    """Whether a pose, shape (4,), is in a region."""
+    if (pose < region.lower - CONTAINMENT).any() or (pose > region.upper + CONTAINMENT).any():
+        return False
+    turned = rotation_2d(pose[3]).T @ region.faces[:, :2].T  # (2, n) normals in the torso's frame
+    footprint = space.half_size[:2] @ np.abs(turned)
+    beyond = region.faces[:, :3] @ pose[:3] - footprint - region.faces[:, 3]
+    return bool((beyond >= -CONTAINMENT).all())
+
+
+def _box_sides(
+    scene: Scene, i: int, margin: float, lower: np.ndarray, upper: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
+) -> list[Side]:
+    """The sides of obstacle i's bounding box, for the footprint over the whole interval of yaw."""
+    torso = np.append(footprint(scene.torso_half_size, (lower[3], upper[3])), scene.torso_half_size[2])
+    center, yaw = scene.obstacle_centers[i], scene.obstacle_yaws[i]
+    half = np.append(footprint(scene.obstacle_half_sizes[i], (yaw, yaw)), scene.obstacle_half_sizes[i, 2])
+    body = torso + half  # touching
+    sides = []
+    for name, axis, sign in FACES:
+        normal = np.zeros(3)
+        normal[axis] = sign
+        value = float(normal @ center + body[axis] + margin)
+        low, high = half_space_box(normal, value, lower, upper)
+        sides.append(Side(name, normal, value, 0.0, NO_ROW, low, high))
+    cells = [_cell(pose, center, body, margin, lower, upper) for pose in ends]
+    return [*sides, *(cell for cell in cells if cell is not None)]
+
+
+def _exact_sides(
+    scene: Scene, i: int, margin: float, lower: np.ndarray, upper: np.ndarray, ends: tuple[np.ndarray, np.ndarray]
+) -> list[Side]:
+    """The sides of obstacle i with its own yaw; the footprint is left to the rows."""
+    center, half = scene.obstacle_centers[i], scene.obstacle_half_sizes[i]
+    torso, yaws = scene.torso_half_size, (lower[3], upper[3])
+    turn = round(float(scene.obstacle_yaws[i]) / (np.pi / 2))
+    yaw = float(scene.obstacle_yaws[i]) - turn * np.pi / 2  # names of faces go by the nearest axis
+    planar = half[:2] if turn % 2 == 0 else half[1::-1]
+    rotation = np.eye(3)
+    rotation[:2, :2] = rotation_2d(yaw)
+
+    def side(name: str, normal: np.ndarray, offset: float) -> Side:
+        """Poses p with n.p - footprint(n, yaw) >= offset."""
+        least, most = footprint_range(torso, normal, yaws)
+        low, high = half_space_box(normal, offset + least, lower, upper)
+        flat = bool(np.abs(normal[:2]).max() == 0)  # under and over are bounds, they need no row
+        face = NO_ROW if flat else np.append(normal, offset)
+        return Side(name, normal, offset + least, most - least, face, low, high)
+
+    sides = []
+    for name, axis, sign in FACES:
+        normal = sign * rotation[:, axis]
+        sides.append(side(name, normal, float(normal @ center + np.append(planar, half[2] + torso[2])[axis] + margin)))
+    for pose in ends:
+        if any(_beyond(existing, pose, torso) for existing in sides):
+            continue
+        apart = planar_separation(
+            pose[:2], torso[:2], float(pose[3]), center[:2], half[:2], float(scene.obstacle_yaws[i])
+        )
+        vertical = float(pose[2] - center[2])
+        gap = max(abs(vertical) - half[2] - torso[2], 0.0)
+        toward = np.append(apart, np.copysign(gap, vertical))  # from obstacle to torso
+        if np.linalg.norm(toward) < margin:
+            continue
+        normal = toward / np.linalg.norm(toward)
+        turned = rotation_2d(float(scene.obstacle_yaws[i])).T @ normal[:2]
+        support = float(normal @ center + half[:2] @ np.abs(turned) + (half[2] + torso[2]) * abs(normal[2]))
+        witness = side("", normal, support + margin)
+        sides.append(witness._replace(normal=np.zeros(3)))
+    return sides
+
+
+def _beyond(side: Side, pose: np.ndarray, torso: np.ndarray) -> bool:
+    """Whether a pose is on an exact side."""
+    if side.face is NO_ROW:
+        return bool((pose >= side.lower - CONTAINMENT).all() and (pose <= side.upper + CONTAINMENT).all())
+    footprint_now = torso[:2] @ np.abs(rotation_2d(pose[3]).T @ side.face[:2])
+    return bool(side.face[:3] @ pose[:3] - footprint_now >= side.face[3] - CONTAINMENT)
+
+
+def footprint_range(half_size: np.ndarray, normal: np.ndarray, yaws: tuple[float, float]) -> tuple[float, float]:
+    """Least and largest support of the torso's rectangle along a normal, shape (3,), over an interval of yaw [m]."""
+    length = float(np.hypot(normal[0], normal[1]))
+    if length == 0:
+        return 0.0, 0.0
+    angle = float(np.arctan2(normal[1], normal[0]))
+    low, high = yaws[0] - angle, yaws[1] - angle
+    # Between its kinks at multiples of a quarter turn the support is concave.
+    kinks = np.arange(np.ceil(low / (np.pi / 2)), np.floor(high / (np.pi / 2)) + 1) * np.pi / 2
+    candidates = np.array([low, high, *kinks])
+    values = half_size[0] * np.abs(np.cos(candidates)) + half_size[1] * np.abs(np.sin(candidates))
+    return length * float(values.min()), length * float(footprint(half_size, (low, high))[0])
+
+
+def half_space_box(
+    normal: np.ndarray, value: float, lower: np.ndarray, upper: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """The box around the part of a box of poses where normal . position >= value; lower > upper when it is empty."""
     low, high = lower.copy(), upper.copy()
-    if sign > 0:
-        low[axis] = max(low[axis], value)
-    else:
-        high[axis] = min(high[axis], value)
-    return Side(name, axis, value, low, high) if low[axis] <= high[axis] else None
+    most = np.maximum(normal * lower[:3], normal * upper[:3])
+    for axis in np.flatnonzero(np.abs(normal) > PARALLEL):
+        needed = (value - (most.sum() - most[axis])) / normal[axis]
+        if normal[axis] > 0:
+            low[axis] = max(low[axis], needed)
+        else:
+            high[axis] = min(high[axis], needed)
+    return low, high
 
 
 def _cell(
@@ -155,4 +283,4 @@ def _cell(
             low[axis] = max(low[axis], pose[axis])
         else:
             high[axis] = min(high[axis], pose[axis])
-    return Side("", -1, 0.0, low, high)
+    return Side("", np.zeros(3), 0.0, 0.0, NO_ROW, low, high)

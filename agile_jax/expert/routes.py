@@ -14,8 +14,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.minimum_time import route_bounds
-from agile_jax.expert.regions import FreeSpace, Region, Side
+from agile_jax.expert.minimum_time import minimum_time, route_bounds
+from agile_jax.expert.regions import CONTAINMENT, FreeSpace, Region, Side, holds
 from agile_jax.expert.settings import ExpertSettings
 
 BRANCH_ORDER = (
@@ -25,7 +25,6 @@ BRANCH_ORDER = (
     "right",
     "over",
 )  # of equally good routes the first wins; others follow by name
-CONTAINMENT = 1e-9  # [m]
 MAX_EXPANSIONS = 20_000
 
 
@@ -33,8 +32,8 @@ class Route(NamedTuple):
     """A sequence of P regions."""
 
     regions: tuple[Region, ...]
-    pins: tuple[tuple[int, float], ...]  # (axis, value) of the boundary between phases p and p + 1, P - 1 of them
-    detours: int  # pins that are not on the axis of the main horizontal motion
+    pins: tuple[Side, ...]  # whose face is the boundary between phases p and p + 1, P - 1 of them
+    detours: int  # pins that are not on the slower horizontal axis
     duration_bound: float  # [s]
     objective_bound: float
 
@@ -58,9 +57,8 @@ def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
     for obstacle, sides in enumerate(space.sides):
         inside = np.ones(len(poses), bool)
         for side in sides:
-            if side.axis in (0, 1):
-                outer = side.lower[side.axis] == side.value  # the region lies above the face's value
-                inside &= (poses[:, side.axis] < side.value) if outer else (poses[:, side.axis] > side.value)
+            if side.name and side.axis != 2:
+                inside &= poses[:, :3] @ side.normal < side.value
         taken = [sides[region.sides[obstacle]].name for region in route.regions]
         lateral = [name for name in taken if name in ("left", "right")]
         if inside.any():
@@ -79,11 +77,16 @@ def find_routes(
     lower bound never falls when a route gets longer.
     """
     regions = space.regions
-    holds_start = [_holds(region, start) for region in regions]
-    holds_target = [_holds(region, target) for region in regions]
-    neighbours = {
-        i: [j for j in range(len(regions)) if _adjacent(space, regions[i], regions[j])] for i in range(len(regions))
-    }
+    holds_start = [holds(space, region, start) for region in regions]
+    holds_target = [holds(space, region, target) for region in regions]
+    index = {region.sides: i for i, region in enumerate(regions)}
+    known: dict[int, list[int]] = {}
+
+    def neighbours(i: int) -> list[int]:
+        if i not in known:
+            known[i] = sorted(_neighbours(space, regions[i], index))
+        return known[i]
+
     heap: list[tuple[float, tuple[int, ...]]] = []
 
     def push(path: tuple[int, ...]) -> None:
@@ -100,7 +103,7 @@ def find_routes(
         if holds_target[path[-1]]:
             yield _make_route(space, [regions[i] for i in path], start, target, settings, initial_velocity)
             continue
-        for j in neighbours[path[-1]]:
+        for j in neighbours(path[-1]):
             if not holds_start[j] and not _returns([regions[i] for i in path], regions[j]):
                 push((*path, j))
 
@@ -109,8 +112,9 @@ def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray
     """Start, one point on each boundary, target, shape (P + 1, 4): the initial guess, a string pulled tight by fixed
     sweeps."""
     boxes = _boundaries(route.regions)
-    for (low, high), (axis, value) in zip(boxes, route.pins, strict=True):
-        low[axis] = high[axis] = value
+    for (low, high), pin in zip(boxes, route.pins, strict=True):
+        if np.abs(pin.normal[pin.axis]) == 1.0:
+            low[pin.axis] = high[pin.axis] = pin.normal[pin.axis] * (pin.value + pin.reach / 2)
     points = [start, *(np.clip(start, low, high) for low, high in boxes), target]
     for _ in range(30):
         for p, (low, high) in enumerate(boxes, start=1):
@@ -130,25 +134,24 @@ def _make_route(
     initial_velocity: str,
 ) -> Route:
     duration, objective = route_bounds(start, _boundaries(regions), target, settings, initial_velocity)
-    # Across the larger horizontal distance the motion is surely monotone; heights come last.
-    priority = [*np.argsort(-np.abs(target - start)[:2], kind="stable").tolist(), 2]
+    # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
+    times = minimum_time(target - start, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
+    priority = [*np.argsort(-times[:2], kind="stable").tolist(), 2]
     pins = []
     for before, after in itertools.pairwise(regions):
         obstacle = next(i for i in range(len(before.sides)) if before.sides[i] != after.sides[i])
-        face = min(_pinnable(space, obstacle, before, after), key=lambda face: priority.index(face.axis))
-        pins.append((face.axis, face.value))
-    detours = sum(axis != priority[0] for axis, _ in pins)
+        pins.append(min(_pinnable(space, obstacle, before, after), key=lambda face: priority.index(face.axis)))
+    detours = sum(pin.axis != priority[0] for pin in pins)
     return Route(tuple(regions), tuple(pins), detours, duration, objective)
 
 
-def _holds(region: Region, pose: np.ndarray) -> bool:
-    return bool((pose >= region.lower - CONTAINMENT).all() and (pose <= region.upper + CONTAINMENT).all())
-
-
-def _adjacent(space: FreeSpace, a: Region, b: Region) -> bool:
-    """Whether two regions differ in the side of one obstacle, and intersect where a face parts them."""
-    different = [k for k, (i, j) in enumerate(zip(a.sides, b.sides, strict=True)) if i != j]
-    return len(different) == 1 and bool(_pinnable(space, different[0], a, b))
+def _neighbours(space: FreeSpace, region: Region, index: dict[tuple[int, ...], int]) -> Iterator[int]:
+    """Regions that differ from one in the side of one obstacle, and intersect it where a face parts them."""
+    for obstacle, side in enumerate(region.sides):
+        for other in range(len(space.sides[obstacle])):
+            j = index.get((*region.sides[:obstacle], other, *region.sides[obstacle + 1 :]))
+            if other != side and j is not None and _pinnable(space, obstacle, region, space.regions[j]):
+                yield j
 
 
 def _pinnable(space: FreeSpace, obstacle: int, a: Region, b: Region) -> list[Side]:
@@ -157,7 +160,14 @@ def _pinnable(space: FreeSpace, obstacle: int, a: Region, b: Region) -> list[Sid
     if (low > high).any():
         return []
     sides = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
-    return [side for side in sides if side.axis >= 0 and low[side.axis] <= side.value <= high[side.axis]]
+    return [side for side in sides if side.normal.any() and _crosses(side, low, high)]
+
+
+def _crosses(side: Side, low: np.ndarray, high: np.ndarray) -> bool:
+    """Whether a face, for some yaw, passes through a box of poses."""
+    ends = side.normal * low[:3], side.normal * high[:3]
+    least, most = float(np.minimum(*ends).sum()), float(np.maximum(*ends).sum())
+    return least - CONTAINMENT <= side.value + side.reach and side.value <= most + CONTAINMENT
 
 
 def _returns(path: Sequence[Region], region: Region) -> bool:

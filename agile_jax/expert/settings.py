@@ -23,8 +23,15 @@ class ExpertSettings(Settings):
     clearance_margin: NonNegative = 0.025  # epsilon of equation 2 [m]
     initial_velocity: Literal["rest", "free"] = "rest"  # rest: the paper; free: the best one within the bounds
     # Weight of the integral of sum (u_i / a_i)^2 in the objective [-]; makes labels unique (expert/__init__.py).
-    effort_weight: Annotated[float, Field(gt=0, le=1)] = 1e-2
-    zero_end_controls: bool = False  # the paper's u_0 = u_N = 0; costs 2 / nodes of the time
+    effort_weight: Annotated[float, Field(gt=0, le=1)] = 5e-3
+    # Piecewise-constant acceleration, piecewise-linear acceleration (Hermite-Simpson), trapezoidal collocation.
+    transcription: Literal["zoh", "foh", "trapezoidal"] = "zoh"
+    # axis: |v_i| <= velocity_i; planar_norm: in the plane (v_x / velocity_x)^2 + (v_y / velocity_y)^2 <= 1.
+    velocity_bound: Literal["axis", "planar_norm"] = "axis"
+    zero_end_controls: bool = False  # the paper's u_0 = u_N = 0; costs 2 / nodes of the time, 1 / nodes if not zoh
+    planner: Literal["3d", "2d"] = "3d"  # 2d: height fixed at the target's, obstacles from the floor up (figure 2)
+    # auto: closed-form least time where it is attained, else the general program; general: always the program.
+    method: Literal["auto", "general"] = "auto"
     max_routes: Count = 12  # routes solved for one start at most
     starts: Literal["paper", "wide"] = "paper"  # paper: scene.start; wide: dataset/starts.py
     wide_paper_fraction: Fraction = 0.35  # of the wide starts, drawn as the paper's but at any height

@@ -6,17 +6,19 @@ import numpy as np
 
 
 class Trajectory(NamedTuple):
-    """Piecewise-constant acceleration on a grid that may differ between the phases of a route. T intervals."""
+    """A motion over T intervals of different lengths; the accelerations are constant over each or linear in it."""
 
     times: np.ndarray  # (T+1,) [s], from 0
     states: np.ndarray  # (T+1, 8) = [x y z yaw, rates] [m, rad, m/s, rad/s]
-    controls: np.ndarray  # (T, 4) accelerations, constant over each interval [m/s^2, rad/s^2]
+    # Accelerations [m/s^2, rad/s^2]: (T, 4) constant over each interval, (T+1, 4) at the nodes and linear in between.
+    controls: np.ndarray
 
 
 class Residuals(NamedTuple):
     """What the independent check found; zero or rounding error in an accepted trajectory."""
 
-    dynamics_residual: float  # largest deviation of a state from the integrated controls [m, rad, m/s, rad/s]
+    dynamics_residual: float  # largest deviation of a state from the scheme's integrals [m, rad, m/s, rad/s]
+    integration_defect: float  # the same from the exact integrals of the controls; not zero for trapezoidal
     end_residual: float  # largest deviation from the initial and terminal conditions [m, rad, m/s, rad/s]
     bound_violation: float  # largest excess over a bound on pose, rate or acceleration
     clearance_violation: float  # max(0, margin - least clearance between and at the nodes) [m]
@@ -35,9 +37,11 @@ class ExpertSolution(NamedTuple):
     status: str  # "solved" | "failed"
     cause: str  # "" when solved
     dynamics_residual: float
+    integration_defect: float
     end_residual: float
     bound_violation: float
     clearance_violation: float
     min_clearance: float
+    method: str  # "certified" (certified.py), or the rung that solved it (ladder.py)
     routes: tuple[tuple[str, float], ...]  # (branch, objective) of every route that was solved
     solve_time_s: float

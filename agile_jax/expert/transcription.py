@@ -4,11 +4,17 @@
     subject to  s'' = u,  s(0) = start,  s'(0) = 0 or free,  s(T) = target,  s'(T) = 0,
                 |s'_i| <= v_i,  |u_i| <= a_i,  s(t) in region p during phase p,  pinned boundaries.
 
-Direct collocation with piecewise-constant u, for which the double integrator's transcription is exact: over an
-interval of length h, s+ = s + h s' + h^2 u / 2 and s'+ = s' + h u. The rate is piecewise linear, so bounds at the
-nodes hold everywhere. Each of the P phases has its own duration tau, carried as a state so that the problem keeps its
-stage structure (FATROP needs it, variables x_0, u_0, x_1, ..., x_N); regions are simple bounds. The structure depends
-on P alone, so one program serves all routes of P phases.
+Direct collocation by one of the schemes of schemes.py. Each of the P phases has its own duration tau, carried as a
+state so that the problem keeps its stage structure (FATROP needs it, variables x_0, u_0, x_1, ..., x_N); for linear
+controls the acceleration at the node is a state too, and the control is the acceleration at the next node. Regions
+are simple bounds; where the footprint turns with the yaw, or an obstacle is not parallel to the axes, the corners of
+the torso must stay beyond a face of every obstacle, which adds rows:
+
+    n . (p + R(yaw) corner) >= offset          for the four corners, per obstacle and phase
+
+The structure depends on the number of phases, of obstacles with rows, and the settings; one program serves all routes.
+Rates are bounded at the nodes, which is enough where they are linear; a rate that is quadratic over an interval also
+keeps its middle Bernstein coefficient, s' + h u / 2, within the bound, hence the whole of it.
 """
 
 from typing import Any, NamedTuple
@@ -16,19 +22,19 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from agile_jax.expert.routes import Route, waypoints
+from agile_jax.expert.schemes import LINEAR, square_integral, step
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Trajectory
 from agile_jax.scene import POSE_SIZE
 
-SHORTEST_PHASE = 1e-3  # [s] keeps the program regular where a phase would vanish
-LONGEST_PHASE = 1e3  # [s]
-PIN_ROOM = 0.01  # [m] around a pinned value, so that its equality does not sit on a bound
-
-STATE = 2 * POSE_SIZE + 1  # s, s', tau
+PIN = 7  # parameters of a pinned boundary: normal (3), direction in the plane (2), footprint's weight, offset
+ROW = 4  # parameters of an obstacle's face: normal (3), offset
+ROUNDING = 3e-3  # of the footprint's kinks in a pin; the pin then lies up to 1 mm beyond the face
 
 # Iterations are limited, not seconds: a label must not depend on the machine's load.
 FATROP = {"print_level": 0, "tol": 1e-8, "constr_viol_tol": 1e-9, "mu_init": 1e-2, "max_iter": 100}
+# For what the first cannot solve: from farther inside the bounds, with more patience.
+FATROP_CAREFUL = FATROP | {"mu_init": 1.0, "bound_push": 1e-1, "bound_frac": 1e-1, "max_iter": 300}
 IPOPT = {
     "print_level": 0,
     "sb": "yes",
@@ -38,6 +44,11 @@ IPOPT = {
     "linear_solver": "mumps",
     "option_file_name": "",  # else a file ipopt.opt in the working folder would silently change labels
 }
+SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
+    "fatrop": ("fatrop", FATROP),
+    "fatrop-careful": ("fatrop", FATROP_CAREFUL),
+    "ipopt": ("ipopt", IPOPT),
+}
 
 
 class Program(NamedTuple):
@@ -45,6 +56,9 @@ class Program(NamedTuple):
 
     solver: Any  # casadi.Function
     intervals: tuple[int, ...]  # per phase
+    obstacles: int  # with rows, in every phase
+    scheme: str
+    constraints: tuple[tuple[str, int, int, int], ...]  # (kind, node, phase, rows) in the order of the program
 
 
 def split_nodes(nodes: int, phases: int) -> tuple[int, ...]:
@@ -52,54 +66,121 @@ def split_nodes(nodes: int, phases: int) -> tuple[int, ...]:
     return tuple(nodes // phases + (p < nodes % phases) for p in range(phases))
 
 
-def build_program(phases: int, initial_velocity: str, settings: ExpertSettings, solver: str = "fatrop") -> Program:
-    """Build the program for routes of `phases` phases; `solver` is "fatrop" or "ipopt"."""
-    intervals = split_nodes(settings.nodes, phases)
+def build_program(
+    phases: int,
+    initial_velocity: str,
+    settings: ExpertSettings,
+    solver: str = "fatrop",
+    obstacles: int = 0,
+    half_size: np.ndarray | None = None,
+) -> Program:
+    """Build the program for routes of `phases` phases.
+
+    Args:
+        phases: P.
+        initial_velocity: "rest" or "free".
+        settings: nodes, scheme, weights.
+        solver: a key of `SOLVERS`.
+        obstacles: with rows.
+        half_size: of the torso, shape (3,) [m]; only used with rows.
+    """
+    scheme, intervals = settings.transcription, split_nodes(settings.nodes, phases)
+    linear = scheme in LINEAR
+    half = np.ones(2) if half_size is None else half_size[:2]
     phase_of = np.repeat(np.arange(phases), intervals)
     start, target = ca.SX.sym("start", POSE_SIZE), ca.SX.sym("target", POSE_SIZE)
-    pin_axis, pin_value = ca.SX.sym("pin_axis", POSE_SIZE, phases - 1), ca.SX.sym("pin_value", phases - 1)
-    scale = np.array(settings.acceleration)
+    pins, faces = ca.SX.sym("pins", PIN, phases - 1), ca.SX.sym("faces", ROW * obstacles, phases)
+    fractions = ca.SX.sym("fractions", settings.nodes)
+    velocity, scale = np.array(settings.velocity), np.array(settings.acceleration)
 
-    states = [ca.SX.sym(f"x{k}", STATE) for k in range(settings.nodes + 1)]
+    size = 2 * POSE_SIZE + 1 + linear * POSE_SIZE
+    states = [ca.SX.sym(f"x{k}", size) for k in range(settings.nodes + 1)]
     variables: list[Any] = []
-    constraints: list[Any] = []
+    rows: list[Any] = []
+    constraints: list[tuple[str, int, int, int]] = []
     objective: Any = 0
-    for k, p in enumerate(phase_of):
-        pose, rate, tau = states[k][:POSE_SIZE], states[k][POSE_SIZE:-1], states[k][-1]
-        ends_phase = k + 1 < settings.nodes and phase_of[k + 1] != p
-        control = ca.SX.sym(
-            f"u{k}", POSE_SIZE + ends_phase
-        )  # the next phase's duration is chosen at the end of this one
-        u, h = control[:POSE_SIZE], tau / intervals[p]
-        following = ca.vertcat(pose + h * rate + h**2 / 2 * u, rate + h * u, control[-1] if ends_phase else tau)
-        variables += [states[k], control]
-        # FATROP finds the stages by these rows: the step first, then what holds at the node.
-        constraints.append(states[k + 1] - following)
-        if k == 0:
-            constraints.append(pose - start)
-            if initial_velocity == "rest":
-                constraints.append(rate)
-        elif p != phase_of[k - 1]:
-            constraints.append(ca.dot(pin_axis[:, int(p) - 1], pose) - pin_value[int(p) - 1])
-        if settings.zero_end_controls and k in (0, settings.nodes - 1):
-            constraints.append(u)
-        objective += h * (1 + settings.effort_weight * ca.sumsqr(u / scale))
-    variables.append(states[-1])
-    constraints += [states[-1][:POSE_SIZE] - target, states[-1][POSE_SIZE:-1]]
 
-    equalities = ca.vertcat(*constraints)
+    def require(kind: str, node: int, phase: int, expression: Any) -> None:
+        rows.append(expression)
+        constraints.append((kind, node, phase, expression.numel()))
+
+    def require_faces(node: int, phase: int) -> None:
+        for o in range(obstacles):
+            require("face", node, phase, _corner_heights(states[node], faces[ROW * o : ROW * (o + 1), phase], half))
+
+    def require_speed(node: int, rate: Any) -> None:
+        if settings.velocity_bound == "planar_norm":
+            require("speed", node, 0, ca.sumsqr(rate[:2] / velocity[:2]))
+
+    for k, p in enumerate(phase_of.tolist()):
+        x = states[k]
+        pose, rate, tau = x[:POSE_SIZE], x[POSE_SIZE : 2 * POSE_SIZE], x[2 * POSE_SIZE]
+        ends_phase = k + 1 < settings.nodes and phase_of[k + 1] != p
+        # The next phase's duration is chosen at the end of this one.
+        control = ca.SX.sym(f"u{k}", POSE_SIZE + ends_phase)
+        u, h = (x[-POSE_SIZE:] if linear else control[:POSE_SIZE]), tau * fractions[k]
+        u_next = control[:POSE_SIZE]
+        following = [*step(scheme, pose, rate, h, u, u_next), control[-1] if ends_phase else tau]
+        variables += [x, control]
+        # FATROP finds the stages by these rows: the step first, then what holds at the node.
+        require("step", k, p, states[k + 1] - ca.vertcat(*following, *([u_next] if linear else [])))
+        if k == 0:
+            require("end", k, p, pose - start)
+            if initial_velocity == "rest":
+                require("end", k, p, rate)
+        elif p != phase_of[k - 1]:
+            require("pin", k, p, _pin(x, pins[:, p - 1], half))
+        if settings.zero_end_controls and (k == 0 or (k == settings.nodes - 1 and not linear)):
+            require("end", k, p, u)
+        if linear:
+            require("rate", k, p, rate + h / 2 * u)
+        require_speed(k, rate)
+        if k > 0:
+            require_faces(k, p)
+            if p != phase_of[k - 1]:
+                require_faces(k, p - 1)
+        effort = ca.sum1(square_integral(scheme, h, u / scale, u_next / scale))
+        objective += h + settings.effort_weight * effort
+    last, final = settings.nodes, states[-1]
+    variables.append(final)
+    require("end", last, phases - 1, final[:POSE_SIZE] - target)
+    require("end", last, phases - 1, final[POSE_SIZE : 2 * POSE_SIZE])
+    if settings.zero_end_controls and linear:
+        require("end", last, phases - 1, final[-POSE_SIZE:])
+
+    constrained = ca.vertcat(*rows)
     problem = {
         "x": ca.vertcat(*variables),
         "f": objective,
-        "g": equalities,
-        "p": ca.vertcat(start, target, ca.vec(pin_axis), pin_value),
+        "g": constrained,
+        "p": ca.vertcat(start, target, ca.vec(pins), ca.vec(faces), fractions),
     }
-    options: dict[str, Any] = {"expand": True, "print_time": False, "error_on_fail": False}
-    if solver == "fatrop":
-        options |= {"structure_detection": "auto", "equality": [True] * equalities.numel(), "fatrop": FATROP}
-    else:
-        options |= {"ipopt": IPOPT}
-    return Program(ca.nlpsol(f"route_{phases}_{initial_velocity}", solver, problem, options), intervals)
+    plugin, own = SOLVERS[solver]
+    options: dict[str, Any] = {"expand": True, "print_time": False, "error_on_fail": False, plugin: own}
+    if plugin == "fatrop":
+        equality = [kind in ("step", "end", "pin") for kind, _, _, count in constraints for _ in range(count)]
+        options |= {"structure_detection": "auto", "equality": equality}
+    name = f"route_{phases}_{obstacles}_{initial_velocity}"
+    return Program(ca.nlpsol(name, plugin, problem, options), intervals, obstacles, scheme, tuple(constraints))
+
+
+def _corner_heights(state: Any, face: Any, half: np.ndarray) -> Any:
+    """How far the torso's four corners lie beyond a face, shape (4,)."""
+    x, y, z, yaw = (state[i] for i in range(POSE_SIZE))
+    along = face[0] * ca.cos(yaw) + face[1] * ca.sin(yaw)
+    across = face[1] * ca.cos(yaw) - face[0] * ca.sin(yaw)
+    middle = face[0] * x + face[1] * y + face[2] * z - face[3]
+    corners = [(i * half[0], j * half[1]) for i in (1, -1) for j in (1, -1)]
+    return ca.vertcat(*(middle + a * along + b * across for a, b in corners))
+
+
+def _pin(state: Any, pin: Any, half: np.ndarray) -> Any:
+    """Zero where the torso, or its centre when the footprint's weight is zero, touches the pinned plane."""
+    yaw = state[3]
+    along = pin[3] * ca.cos(yaw) + pin[4] * ca.sin(yaw)
+    across = pin[4] * ca.cos(yaw) - pin[3] * ca.sin(yaw)
+    footprint = half[0] * ca.sqrt(along**2 + ROUNDING**2) + half[1] * ca.sqrt(across**2 + ROUNDING**2)
+    return ca.dot(pin[:3], state[:3]) - pin[5] * footprint - pin[6]
 
 
 class Arguments(NamedTuple):
@@ -108,64 +189,43 @@ class Arguments(NamedTuple):
     guess: np.ndarray
     lower: np.ndarray
     upper: np.ndarray
+    lower_rows: np.ndarray
+    upper_rows: np.ndarray
     parameters: np.ndarray
-
-
-def make_arguments(
-    route: Route, program: Program, start: np.ndarray, target: np.ndarray, settings: ExpertSettings
-) -> Arguments:
-    """Bounds and initial guess of a route: straight lines through its waypoints, a pure function of the arguments."""
-    points = waypoints(route, start, target)
-    velocity, acceleration = np.array(settings.velocity), np.array(settings.acceleration)
-    times = np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1) + np.max(velocity / acceleration) / 2
-    guess, lower, upper = [], [], []
-    for p, region in enumerate(route.regions):
-        count = program.intervals[p]
-        step = points[p + 1] - points[p]
-        for j in range(count + (p + 1 == len(route.regions))):
-            low, high = region.lower, region.upper
-            if j == 0 and p > 0:
-                before, (axis, value) = route.regions[p - 1], route.pins[p - 1]
-                low, high = np.maximum(low, before.lower), np.minimum(high, before.upper)
-                low[axis], high[axis] = value - PIN_ROOM, value + PIN_ROOM
-            guess += [*(points[p] + step * j / count), *(step / times[p]), times[p]]
-            lower += [*low, *-velocity, SHORTEST_PHASE]
-            upper += [*high, *velocity, LONGEST_PHASE]
-            if j < count:
-                guess += [0.0] * POSE_SIZE
-                lower += [*-acceleration]
-                upper += [*acceleration]
-                if j + 1 == count and p + 1 < len(route.regions):
-                    guess.append(times[p + 1])
-                    lower.append(SHORTEST_PHASE)
-                    upper.append(LONGEST_PHASE)
-    axes = np.zeros((len(route.pins), POSE_SIZE))
-    for i, (axis, _) in enumerate(route.pins):
-        axes[i, axis] = 1.0
-    parameters = np.concatenate([start, target, axes.ravel(), [value for _, value in route.pins]])
-    return Arguments(np.array(guess), np.array(lower), np.array(upper), parameters)
+    fractions: np.ndarray  # (T,) of the phase's duration
 
 
 def solve_program(program: Program, arguments: Arguments) -> tuple[Trajectory, float, bool, str]:
     """Run the solver. Returns the trajectory, the objective, whether the solver claims success, and its status."""
     result = program.solver(
-        x0=arguments.guess, lbx=arguments.lower, ubx=arguments.upper, lbg=0, ubg=0, p=arguments.parameters
+        x0=arguments.guess,
+        lbx=arguments.lower,
+        ubx=arguments.upper,
+        lbg=arguments.lower_rows,
+        ubg=arguments.upper_rows,
+        p=arguments.parameters,
     )
     stats = program.solver.stats()
-    trajectory = unpack(np.array(result["x"]).ravel(), program.intervals)
+    trajectory = unpack(np.array(result["x"]).ravel(), program, arguments.fractions)
     return trajectory, float(result["f"]), bool(stats["success"]), str(stats["return_status"])
 
 
-def unpack(variables: np.ndarray, intervals: tuple[int, ...]) -> Trajectory:
+def unpack(variables: np.ndarray, program: Program, fractions: np.ndarray) -> Trajectory:
     """The trajectory in the program's vector of variables."""
+    linear = program.scheme in LINEAR
+    size = 2 * POSE_SIZE + 1 + linear * POSE_SIZE
     states, controls, steps = [], [], []
-    position = 0
-    for p, count in enumerate(intervals):
+    position = k = 0
+    for p, count in enumerate(program.intervals):
         for j in range(count):
-            states.append(variables[position : position + STATE - 1])
-            steps.append(variables[position + STATE - 1] / count)
-            position += STATE
-            controls.append(variables[position : position + POSE_SIZE])
-            position += POSE_SIZE + (j + 1 == count and p + 1 < len(intervals))
-    states.append(variables[position : position + STATE - 1])
+            state = variables[position : position + size]
+            states.append(state[: 2 * POSE_SIZE])
+            steps.append(state[2 * POSE_SIZE] * fractions[k])
+            position, k = position + size, k + 1
+            controls.append(state[-POSE_SIZE:] if linear else variables[position : position + POSE_SIZE])
+            position += POSE_SIZE + (j + 1 == count and p + 1 < len(program.intervals))
+    final = variables[position : position + size]
+    states.append(final[: 2 * POSE_SIZE])
+    if linear:
+        controls.append(final[-POSE_SIZE:])
     return Trajectory(np.concatenate([[0.0], np.cumsum(steps)]), np.array(states), np.array(controls))

@@ -1,6 +1,7 @@
 """The independent check of a trajectory: NumPy only, sharing nothing with the solver but the problem.
 
-The controls are integrated from the stated initial condition in closed form; clearance is the exact one of the scene
+The controls are integrated from the stated initial condition in closed form, by the scheme that the labels claim;
+clearance is the exact one of the scene
 (the torso's box with its yaw), at many points inside every interval.
 """
 
@@ -18,24 +19,81 @@ BOUND_TOLERANCE = 1e-6  # [m, rad, m/s, rad/s, m/s^2, rad/s^2]
 CLEARANCE_TOLERANCE = 0.0  # [m]
 
 
-def integrate(trajectory: Trajectory) -> np.ndarray:
-    """States from integrating the controls exactly from the first state. Shape (T+1, 8)."""
-    steps = np.diff(trajectory.times)[:, None]
-    rates = trajectory.states[0, POSE_SIZE:] + np.concatenate(
-        [np.zeros((1, POSE_SIZE)), np.cumsum(steps * trajectory.controls, axis=0)]
-    )
-    moves = steps * rates[:-1] + steps**2 / 2 * trajectory.controls
-    poses = trajectory.states[0, :POSE_SIZE] + np.concatenate([np.zeros((1, POSE_SIZE)), np.cumsum(moves, axis=0)])
+def integrate(trajectory: Trajectory, scheme: str | None = None) -> np.ndarray:
+    """States from integrating the controls from the first state. Shape (T+1, 8).
+
+    Args:
+        trajectory: controls constant over each interval, shape (T, 4), or linear between nodes, shape (T+1, 4).
+        scheme: "trapezoidal" integrates the rates by the trapezoidal rule; anything else integrates exactly.
+    """
+    steps, controls = np.diff(trajectory.times)[:, None], trajectory.controls
+    if len(controls) == len(steps):
+        changes, moved = steps * controls, steps**2 / 2 * controls
+    else:
+        here, there = controls[:-1], controls[1:]
+        changes = steps * (here + there) / 2
+        moved = steps**2 * ((here + there) / 4 if scheme == "trapezoidal" else (2 * here + there) / 6)
+    zero = np.zeros((1, POSE_SIZE))
+    rates = trajectory.states[0, POSE_SIZE:] + np.concatenate([zero, np.cumsum(changes, axis=0)])
+    moves = steps * rates[:-1] + moved
+    poses = trajectory.states[0, :POSE_SIZE] + np.concatenate([zero, np.cumsum(moves, axis=0)])
     return np.concatenate([poses, rates], axis=1)
 
 
-def dense_poses(trajectory: Trajectory, points: int = DENSE) -> np.ndarray:
-    """Poses at every node and `points` times inside each interval, shape (T * (points + 1) + 1, 4)."""
+def dense_poses(trajectory: Trajectory, points: int = DENSE, scheme: str | None = None) -> np.ndarray:
+    """Poses at every node and `points` times inside each interval, shape (T * (points + 1) + 1, 4).
+
+    Trapezoidal collocation takes the pose for a parabola between nodes; the others for the integral of the controls.
+    """
     steps = np.diff(trajectory.times)[:, None, None]
-    t = steps * (np.arange(points + 1) / (points + 1))[None, :, None]
+    share = (np.arange(points + 1) / (points + 1))[None, :, None]
+    t = steps * share
     pose, rate = trajectory.states[:-1, None, :POSE_SIZE], trajectory.states[:-1, None, POSE_SIZE:]
-    inside = pose + t * rate + t**2 / 2 * trajectory.controls[:, None, :]
+    if len(trajectory.controls) == len(steps):
+        inside = pose + t * rate + t**2 / 2 * trajectory.controls[:, None, :]
+    elif scheme == "trapezoidal":
+        inside = pose + t * rate + t * share / 2 * (trajectory.states[1:, None, POSE_SIZE:] - rate)
+    else:
+        here, there = trajectory.controls[:-1, None, :], trajectory.controls[1:, None, :]
+        inside = pose + t * rate + t**2 / 2 * here + t**2 * share / 6 * (there - here)
     return np.concatenate([inside.reshape(-1, POSE_SIZE), trajectory.states[-1:, :POSE_SIZE]])
+
+
+def least_clearance(scene: Scene, poses: np.ndarray) -> float:
+    """Exact least clearance over poses, shape (m, 4) [m]; infinity without obstacles.
+
+    The distance of the circles around the footprints is a cheap lower bound: poses that are surely farther than the
+    nearest of a coarse sample are left out.
+    """
+    if len(scene.obstacle_centers) == 0:
+        return float("inf")
+    nearest = float(clearance(scene, poses[:: DENSE + 1]).min())
+    radius = np.hypot(*scene.torso_half_size[:2])
+    possible = np.zeros(len(poses), bool)
+    for center, half in zip(scene.obstacle_centers, scene.obstacle_half_sizes, strict=True):
+        apart = np.hypot(*(poses[:, :2] - center[:2]).T) - (radius + np.hypot(*half[:2]))
+        above = np.abs(poses[:, 2] - center[2]) - (half[2] + scene.torso_half_size[2])
+        possible |= ~(np.maximum(apart, above) > max(nearest, 0.0))  # NaN is possible
+    return min(nearest, float(clearance(scene, poses[possible]).min(initial=np.inf)))
+
+
+def rate_excess(trajectory: Trajectory, settings: ExpertSettings) -> float:
+    """By how much a rate exceeds its bound, at or between nodes; for a norm bound in units of that bound.
+
+    A rate that is linear between nodes is largest at a node; a quadratic one also where its acceleration vanishes.
+    """
+    rates, controls = trajectory.states[:, POSE_SIZE:], trajectory.controls
+    if len(controls) == len(rates):
+        here, there = controls[:-1], controls[1:]
+        turning = here * there < 0
+        change = np.where(turning, here - there, 1.0)
+        peaks = rates[:-1] + np.diff(trajectory.times)[:, None] * np.where(turning, here**2 / (2 * change), 0.0)
+        rates = np.concatenate([rates, peaks])
+    velocity = np.array(settings.velocity)
+    excess = float((np.abs(rates) - velocity).max())
+    if settings.velocity_bound == "planar_norm":
+        excess = max(excess, float(np.hypot(*(rates[:, :2] / velocity[:2]).T).max()) - 1.0)
+    return excess
 
 
 def verify(
@@ -64,15 +122,16 @@ def verify(
     excess = [
         scene.lower - poses,
         poses - scene.upper,
-        np.abs(rates) - np.array(settings.velocity),
         np.abs(controls) - np.array(settings.acceleration),
         -np.diff(trajectory.times)[:, None],
     ]
-    nearest = float(clearance(scene, dense_poses(trajectory)).min())
+    scheme = settings.transcription
+    nearest = least_clearance(scene, dense_poses(trajectory, scheme=scheme))
     return Residuals(
-        dynamics_residual=float(np.abs(integrate(trajectory) - states).max()),
+        dynamics_residual=float(np.abs(integrate(trajectory, scheme) - states).max()),
+        integration_defect=float(np.abs(integrate(trajectory) - states).max()),
         end_residual=float(max(np.abs(end).max() for end in ends)),
-        bound_violation=max(0.0, *(float(e.max()) for e in excess)),
+        bound_violation=max(0.0, rate_excess(trajectory, settings), *(float(e.max()) for e in excess)),
         clearance_violation=max(0.0, settings.clearance_margin - nearest),
         min_clearance=nearest,
     )

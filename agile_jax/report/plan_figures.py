@@ -18,7 +18,7 @@ from agile_jax.report.scene_drawing import (
     frame,
 )
 from agile_jax.report.style import BLUE, GREEN, ORANGE, PURPLE, RED, dress, new_figure, save
-from agile_jax.scene import BoxSettings, Scene, SceneSettings, TableSettings
+from agile_jax.scene import Scene
 
 PATH_COLORS = (GREEN, RED, BLUE, ORANGE, PURPLE)
 PATH_DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), "-.", ":")
@@ -107,19 +107,3 @@ def _extent(scene: Scene, trajectories: Mapping[str, Path]) -> tuple[np.ndarray,
     low, high = low - 0.12, high + 0.12
     low[2] = -0.06
     return low, high
-
-
-def full_height(settings: SceneSettings) -> SceneSettings:
-    """The scene of the 2D plan: every table stands on the floor as a full box, so that no path leads under it."""
-    obstacles = [
-        BoxSettings(
-            kind="box",
-            position=(*obstacle.position, obstacle.top / 2),
-            size=(*obstacle.size, obstacle.top),
-            yaw=obstacle.yaw,
-        )
-        if isinstance(obstacle, TableSettings)
-        else obstacle
-        for obstacle in settings.obstacles
-    ]
-    return settings.model_copy(update={"obstacles": tuple(obstacles)})

@@ -6,7 +6,7 @@ What is not there yet is left out with a sentence.
 import io
 import pathlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
 from PIL import Image
@@ -17,12 +17,12 @@ from agile_jax.report import page
 from agile_jax.report.camera import film, join, snapshots
 from agile_jax.report.episode_figures import draw_episode, draw_outcomes
 from agile_jax.report.learning_figures import draw_learning_curve, draw_velocity_field, read_metrics
-from agile_jax.report.plan_figures import draw_plan, full_height
+from agile_jax.report.plan_figures import draw_plan
 from agile_jax.report.settings import ReportSettings
 from agile_jax.report.traces import Episode, choose_episode, load_episodes, load_outcomes, went_under
 from agile_jax.report.video import SIM_DT, Rendered, render_shot, write_mp4
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
-from agile_jax.scene import Scene, SceneSettings, clearance, make_scene
+from agile_jax.scene import Scene, SceneSettings, clearance, make_scene, planar_scene
 
 if TYPE_CHECKING:
     from agile_jax.policy import PolicySettings
@@ -54,13 +54,12 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
     """The paper's figure 2: the plan in space and the plan in the plane, from one start at the target's height."""
     scene = make_scene(inputs.scene)
     start = np.array([*inputs.report.paths_start, scene.target[2], scene.target[3]])
-    flat_settings = full_height(inputs.scene)
-    plans = {"3D: may change its height": scene}
-    if flat_settings != inputs.scene:
-        plans["2D: keeps its height,\nthe table is a full box"] = make_scene(flat_settings)
+    planners: dict[str, tuple[Literal["3d", "2d"], Scene]] = {"3D: may change its height": ("3d", scene)}
+    if len(scene.obstacle_centers):
+        planners["2D: keeps its height,\nthe table is a full box"] = ("2d", planar_scene(scene))
     drawn: dict[str, Trajectory] = {}
     sentences = []
-    for label, world in plans.items():
+    for label, (planner, world) in planners.items():
         short = label.split(":")[0]
         blocked = [
             name for name, pose in (("start", start), ("target", world.target))
@@ -69,7 +68,7 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
         if blocked:
             sentences.append(f"There is no {short} path: its {blocked[0]} is too near to an obstacle.")
             continue
-        solution = make_expert(world, inputs.expert).solve(start)
+        solution = make_expert(scene, inputs.expert.model_copy(update={"planner": planner})).solve(start)
         if solution.status == "solved":
             drawn[f"{label}\n({solution.branch})"] = solution.trajectory
             sentences.append(

@@ -1,6 +1,6 @@
 """The scene: obstacles, target, torso envelope, start distribution and exact clearance."""
 
-from agile_jax.scene.scene import POSE_NAMES, POSE_SIZE, Scene, clearance, make_scene, obstacle_clearances
+from agile_jax.scene.scene import POSE_NAMES, POSE_SIZE, Scene, clearance, make_scene, obstacle_clearances, planar_scene
 from agile_jax.scene.settings import BoxSettings, SceneSettings, StartSettings, TableSettings
 from agile_jax.scene.starts import Starts, sample_starts
 
@@ -16,5 +16,6 @@ __all__ = [
     "clearance",
     "make_scene",
     "obstacle_clearances",
+    "planar_scene",
     "sample_starts",
 ]

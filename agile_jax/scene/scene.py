@@ -9,6 +9,7 @@ from agile_jax.scene.settings import SceneSettings, TableSettings
 
 POSE_NAMES = ("x", "y", "z", "yaw")  # the planned pose s [m, m, m, rad]
 POSE_SIZE = len(POSE_NAMES)
+FLAT = 1e-4  # [m] half the room that a fixed height leaves a solver
 
 
 class Scene(NamedTuple):
@@ -80,3 +81,14 @@ def clearance(scene: Scene, pose: Array, xp: Any = np) -> Array:
     if len(scene.obstacle_centers) == 0:
         return xp.full(pose.shape[:-1], xp.inf)
     return obstacle_clearances(scene, pose, xp).min(-1)
+
+
+def planar_scene(scene: Scene) -> Scene:
+    """The scene of a planner that knows the plane only (the paper's figure 2): the height is the target's, every
+    obstacle stands on the floor, so that no path leads under it."""
+    tops = scene.obstacle_centers[:, 2] + scene.obstacle_half_sizes[:, 2]
+    centers, halves = scene.obstacle_centers.copy(), scene.obstacle_half_sizes.copy()
+    centers[:, 2] = halves[:, 2] = tops / 2
+    lower, upper = scene.lower.copy(), scene.upper.copy()
+    lower[2], upper[2] = scene.target[2] - FLAT, scene.target[2] + FLAT
+    return scene._replace(obstacle_centers=centers, obstacle_half_sizes=halves, lower=lower, upper=upper)

@@ -50,9 +50,10 @@ def test_route_bound_of_a_detour_counts_both_legs():
 
 
 def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene, settings):
+    from agile_jax.expert.arguments import make_arguments
     from agile_jax.expert.regions import make_free_space
     from agile_jax.expert.routes import find_routes
-    from agile_jax.expert.transcription import build_program, make_arguments, solve_program
+    from agile_jax.expert.transcription import build_program, solve_program
 
     start = np.array([0.6, 0.45, 0.27, 0.2])
     programs, solved = {}, 0

@@ -1,125 +1,23 @@
-"""The work engine: maps a module-level function over independent tasks, here, over local processes or over a cluster.
-
-A task that raises, or whose worker dies again and again, becomes a `TaskFailure`; all others are finished. A worker
-that dies once costs nothing: it is replaced and its task runs again, so tasks must be idempotent. Local workers are
-spawned processes of one thread each, on the loopback interface; they hold no accelerator because nothing that they
-import loads JAX.
-"""
+"""Opening an engine: here, in local processes on the loopback interface, or on a running cluster."""
 
 import logging
 import os
 import signal
+import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any, NamedTuple, Protocol
+from importlib.metadata import version
+from typing import Any
 
+from agile_jax.engine.dask_engine import DaskEngine
+from agile_jax.engine.tasks import Engine, InlineEngine, describe
 from agile_jax.settings import BadInput
 
 # One thread a worker: numerical libraries that start their own would fight over the cores, and could change last
 # digits.
 THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")}
 ALLOWED_DEATHS = 2  # of workers under one task, before the task is given up
-
-
-class TaskFailure(NamedTuple):
-    """A task without result."""
-
-    index: int  # type: ignore[assignment]  # hides tuple.index, which nobody needs here
-    cause: str
-
-
-class Engine(Protocol):
-    """Where tasks run."""
-
-    workers: int
-
-    def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """Yield (index, result or `TaskFailure`) in order of completion, once for every task."""
-        ...
-
-
-class InlineEngine:
-    """Runs tasks in this process, in order: for debugging, and for very little work."""
-
-    workers = 1
-
-    def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """See `Engine.map`."""
-        for index, task in enumerate(tasks):
-            try:
-                result = function(task)
-            except Exception as error:
-                result = TaskFailure(index, describe(error))
-            yield index, result
-
-
-class DaskEngine:
-    """Runs tasks through a dask.distributed client."""
-
-    def __init__(self, client: Any):
-        self._client = client
-        self.workers = max(1, sum(client.nthreads().values()))
-
-    def map(self, function: Callable[[Any], Any], tasks: Sequence[Any]) -> Iterator[tuple[int, Any]]:
-        """See `Engine.map`.
-
-        No more tasks are in flight than there are workers, so that one that kills its worker takes no waiting neighbour
-            with it. While a dead worker is replaced, two tasks may share one all the same: whatever was under workers
-            that died too often is tried once more at the end, alone.
-        """
-        suspects: list[tuple[int, Any]] = []
-        for index, future in self._completed(function, list(enumerate(tasks)), self.workers):
-            if future.status == "error" and type(future.exception()).__name__ == "KilledWorker":
-                suspects.append((index, tasks[index]))
-            else:
-                yield index, _outcome(index, future)
-        for index, future in self._completed(function, suspects, 1):
-            yield index, _outcome(index, future)
-
-    def _completed(
-        self, function: Callable[[Any], Any], tasks: list[tuple[int, Any]], at_once: int
-    ) -> Iterator[tuple[int, Any]]:
-        """Yield (index, ended future), with at most `at_once` in flight."""
-        from distributed import as_completed
-
-        waiting = tasks[::-1]
-        running: dict[Any, int] = {}
-        completed = as_completed(raise_errors=False)
-
-        def submit() -> None:
-            index, task = waiting.pop()
-            # pure=False: equal tasks are different tasks; the key must not depend on hashing the settings.
-            future = self._client.submit(function, task, pure=False)
-            running[future] = index
-            completed.add(future)
-
-        while waiting and len(running) < at_once:
-            submit()
-        while running:
-            future = next(completed)
-            index = running.pop(future)
-            if waiting:
-                submit()
-            yield index, future
-
-
-def _outcome(index: int, future: Any) -> Any:
-    """The result of an ended future, or its failure."""
-    if future.status == "finished":
-        return future.result()
-    cause = describe(future.exception()) if future.status == "error" else f"the task was {future.status}"
-    return TaskFailure(index, cause)
-
-
-def describe(error: BaseException) -> str:
-    """One line about an exception."""
-    if type(error).__name__ == "KilledWorker":
-        return (
-            f"KilledWorker: the task's worker process died {ALLOWED_DEATHS + 1} times "
-            "(out of memory, or a crash in native code)"
-        )
-    return f"{type(error).__name__}: {' '.join(str(error).split())}"
 
 
 def check_engine(address: str, workers: int | None) -> None:
@@ -139,7 +37,7 @@ def open_engine(address: str = "local", workers: int | None = None) -> Iterator[
         workers: local processes; None takes one for each core that this process may use.
 
     Raises:
-        BadInput: unknown address, or no scheduler answers there.
+        BadInput: unknown address, no scheduler answers there, or its processes cannot be used.
     """
     check_engine(address, workers)
     if address == "inline":
@@ -233,6 +131,43 @@ def _remote_client(address: str) -> Iterator[Any]:
     except (OSError, TimeoutError, ValueError) as error:
         raise BadInput(f"engine address {address}: no dask scheduler answers ({describe(error)})") from None
     with client:
-        if not client.nthreads():
-            raise BadInput(f"engine address {address}: the scheduler has no workers")
+        _check_cluster(client, address)
         yield client
+
+
+def software() -> dict[str, str]:
+    """The versions that labels depend on, here."""
+    python = f"{sys.version_info.major}.{sys.version_info.minor}"
+    return {"python": python} | {name: version(name) for name in ("agile_jax", "casadi", "numpy")}
+
+
+def _check_cluster(client: Any, address: str) -> None:
+    """Refuse a cluster (BadInput) on which tasks would fail, disturb each other or give other last digits."""
+    workers = client.scheduler_info(n_workers=-1)["workers"]
+    if not workers:
+        raise BadInput(f"engine address {address}: the scheduler has no workers")
+    problems = []
+    for worker, about in workers.items():
+        if about["nthreads"] != 1:
+            problems.append(
+                f"worker {worker} has {about['nthreads']} threads; the solvers are not thread-safe, "
+                "start it with --nthreads 1"
+            )
+        if about["nanny"] is None:
+            problems.append(f"worker {worker} has no nanny to replace it, start it without --no-nanny")
+    here = software()
+    everywhere = {f"worker {worker}": there for worker, there in client.run(software, on_error="return").items()}
+    try:
+        everywhere["the scheduler"] = client.run_on_scheduler(software)
+    except Exception as error:
+        everywhere["the scheduler"] = error
+    for who, there in everywhere.items():
+        if isinstance(there, OSError):
+            continue  # it died a moment ago, and its nanny replaces it
+        if isinstance(there, BaseException):
+            problems.append(f"{who} cannot use agile_jax ({describe(there)})")
+        else:
+            differing = [name for name in here if there[name] != here[name]]
+            problems += [f"{who} has {name} {there[name]}, here it is {here[name]}" for name in differing]
+    if problems:
+        raise BadInput("\n".join([f"engine address {address}: it cannot be used", *problems]))

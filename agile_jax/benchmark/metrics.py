@@ -1,0 +1,43 @@
+"""A metric: a number with its unit, its direction, what it means and, where there is one, its target."""
+
+from collections.abc import Sequence
+from typing import Any, Literal, NamedTuple
+
+
+class Metric(NamedTuple):
+    """One measured number. None stands for a number that does not exist, such as a median over nothing."""
+
+    key: str
+    value: float | None
+    unit: str  # "" for counts and ratios
+    better: Literal["higher", "lower", ""]  # "" where neither is
+    meaning: str
+    target: float | None = None
+
+    @property
+    def missed(self) -> bool:
+        """Whether there is a target and the number is on its wrong side."""
+        if self.target is None or self.value is None:
+            return False
+        return self.value < self.target if self.better == "higher" else self.value > self.target
+
+
+def as_json(metrics: Sequence[Metric]) -> dict[str, dict[str, Any]]:
+    """By key, for a file."""
+    return {metric.key: {k: v for k, v in metric._asdict().items() if k != "key"} for metric in metrics}
+
+
+def table(columns: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]]) -> str:
+    """Plain text: a line of column names, then rows of a title and as many cells, aligned to the right."""
+    left = max(len(title) for title, _ in rows)
+    widths = [max(len(name), *(len(cells[i]) for _, cells in rows)) for i, name in enumerate(columns)]
+    lines = [("", columns), *rows]
+    return "\n".join(
+        "  ".join([title.ljust(left), *(cell.rjust(width) for cell, width in zip(cells, widths, strict=True))])
+        for title, cells in lines
+    )
+
+
+def number(value: float | None) -> str:
+    """Four digits, or a dash."""
+    return "-" if value is None else f"{value:.4g}"

@@ -1,0 +1,13 @@
+"""The work engine: maps a module-level function over independent tasks, here, over local processes or over a cluster.
+
+A task that raises, whose worker dies again and again, or that exceeds its time limit again and again, becomes a
+`TaskFailure`; all others are finished. A worker that dies once costs nothing: it is replaced and its task runs again,
+so tasks must be idempotent. Workers are processes of one thread each; they hold no accelerator because nothing that
+they import loads JAX.
+"""
+
+from agile_jax.engine.dask_engine import DaskEngine
+from agile_jax.engine.opening import THREADS, check_engine, open_engine
+from agile_jax.engine.tasks import Engine, InlineEngine, TaskFailure, describe
+
+__all__ = ["THREADS", "DaskEngine", "Engine", "InlineEngine", "TaskFailure", "check_engine", "describe", "open_engine"]

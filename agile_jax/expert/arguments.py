@@ -1,0 +1,171 @@
+"""Numbers of one route for its program: bounds, initial guess, time grid and parameters. A pure function of route,
+start and settings."""
+
+import itertools
+from typing import Any
+
+import numpy as np
+
+from agile_jax.expert.profile import Profile, make_grid
+from agile_jax.expert.regions import NO_ROW, Side
+from agile_jax.expert.routes import Route, waypoints
+from agile_jax.expert.schemes import LINEAR
+from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.transcription import Arguments, Program
+from agile_jax.scene import POSE_SIZE
+
+SHORTEST_PHASE = 1e-3  # [s] keeps the program regular where a phase would vanish
+LONGEST_PHASE = 1e3  # [s]
+PIN_ROOM = 0.01  # [m] around a pinned value, so that its equality does not sit on a bound
+LEAST_STEP = 0.05  # of the mean step: a switch nearer to another break is not made a node
+
+
+def make_arguments(
+    route: Route,
+    program: Program,
+    start: np.ndarray,
+    target: np.ndarray,
+    settings: ExpertSettings,
+    profile: Profile | None = None,
+    slowness: float = 1.0,
+    boundaries: np.ndarray | None = None,
+) -> Arguments:
+    """Bounds, grid and initial guess of a route.
+
+    Args:
+        route: from `start` to `target`.
+        program: for its number of phases.
+        start, target: poses, shape (4,).
+        settings: bounds.
+        profile: of the slowest axis. Its switches become nodes, which lets the least time be attained.
+        slowness: factor on the durations of the guess, straight lines through the waypoints.
+        boundaries: when the phases begin and end, shape (P+1,) [s], where the profile does not tell.
+    """
+    points = waypoints(route, start, target)
+    velocity, acceleration = np.array(settings.velocity), np.array(settings.acceleration)
+    times = np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1) + np.max(velocity / acceleration) / 2
+    times *= slowness
+    linear = program.scheme in LINEAR
+    unbounded = np.zeros(linear * POSE_SIZE), acceleration[: linear * POSE_SIZE]
+    guess: list[np.ndarray] = []
+    lower: list[np.ndarray] = []
+    upper: list[np.ndarray] = []
+    for p, region in enumerate(route.regions):
+        count, last = program.intervals[p], p + 1 == len(route.regions)
+        move = points[p + 1] - points[p]
+        share = (np.arange(count + last) / count)[:, None]
+
+        def stack(*columns: Any, rows: int = count + last) -> np.ndarray:
+            """One row a node: state, control."""
+            return np.hstack([np.broadcast_to(c, (rows, np.shape(c)[-1])) for c in columns])
+
+        still, hardest = unbounded
+        low = stack(region.lower, -velocity, [SHORTEST_PHASE], -hardest, -acceleration)
+        high = stack(region.upper, velocity, [LONGEST_PHASE], hardest, acceleration)
+        nodes = stack(points[p] + share * move, move / times[p] / slowness, [times[p]], still, np.zeros(POSE_SIZE))
+        if p > 0:
+            before = route.regions[p - 1]
+            low[0, :POSE_SIZE] = np.maximum(region.lower, before.lower)
+            high[0, :POSE_SIZE] = np.minimum(region.upper, before.upper)
+            _make_room(low[0], high[0], route.pins[p - 1])
+        # The last node has no control; at the end of the other phases it also chooses the next duration.
+        for target_list, rows, extra in (
+            (guess, nodes, times[p + 1] if not last else 0.0),
+            (lower, low, SHORTEST_PHASE),
+            (upper, high, LONGEST_PHASE),
+        ):
+            target_list.append(rows.ravel()[:-POSE_SIZE] if last else np.append(rows.ravel(), extra))
+    lower_rows, upper_rows = _row_bounds(route, program, velocity)
+    fractions = _fractions(route, program, profile, settings, boundaries)
+    faces = [region.faces if len(region.faces) else np.empty((0, 4)) for region in route.regions]
+    parameters = np.concatenate(
+        [
+            start,
+            target,
+            *(_pin_parameters(pin) for pin in route.pins),
+            *(face.ravel() if program.obstacles else np.empty(0) for face in faces),
+            fractions,
+        ]
+    )
+    ends = np.concatenate(guess), np.concatenate(lower), np.concatenate(upper)
+    return Arguments(*ends, lower_rows, upper_rows, parameters, fractions)
+
+
+def disturbed(arguments: Arguments, seed: int) -> Arguments:
+    """The same problem from another guess: every variable moved by about 0.05 or 0.1, within its bounds."""
+    generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
+    noise = 0.05 * (1 + seed % 2) * generator.standard_normal(arguments.guess.shape)
+    return arguments._replace(guess=np.clip(arguments.guess + noise, arguments.lower, arguments.upper))
+
+
+def _make_room(low: np.ndarray, high: np.ndarray, pin: Side) -> None:
+    """Widen the bounds of a boundary's node, in place, where the pin holds already."""
+    if pin.face is NO_ROW:
+        value = pin.normal[pin.axis] * pin.value
+        low[pin.axis], high[pin.axis] = value - PIN_ROOM, value + PIN_ROOM
+    else:
+        low[:2] -= PIN_ROOM
+        high[:2] += PIN_ROOM
+
+
+def _pin_parameters(pin: Side) -> np.ndarray:
+    """Normal, its direction in the plane, weight of the footprint, offset. Shape (7,)."""
+    if pin.face is NO_ROW:
+        return np.array([*pin.normal, 1.0, 0.0, 0.0, pin.value])
+    length = np.hypot(pin.normal[0], pin.normal[1])
+    return np.array([*pin.normal, *(pin.normal[:2] / length), length, pin.face[3]])
+
+
+def _row_bounds(route: Route, program: Program, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Bounds of all rows, (m,) and (m,)."""
+    firsts = np.cumsum([0, *program.intervals])[:-1]
+    lower, upper = [], []
+    counter: dict[tuple[int, int], int] = {}
+    for kind, node, phase, count in program.constraints:
+        if kind == "face":
+            obstacle = counter.get((node, phase), 0)
+            counter[node, phase] = obstacle + 1
+            pinned = None
+            if node in firsts[1:]:
+                pinned = route.pins[int(np.searchsorted(firsts, node)) - 1]
+            # The pin puts the torso on this very face.
+            slack = float(pinned is not None and np.array_equal(pinned.face, route.regions[phase].faces[obstacle]))
+            lower += [-slack] * count
+            upper += [np.inf] * count
+        elif kind == "rate":
+            lower += [*-velocity]
+            upper += [*velocity]
+        elif kind == "speed":
+            lower.append(-np.inf)
+            upper.append(1.0)
+        else:
+            lower += [0.0] * count
+            upper += [0.0] * count
+    return np.array(lower), np.array(upper)
+
+
+def _fractions(
+    route: Route,
+    program: Program,
+    profile: Profile | None,
+    settings: ExpertSettings,
+    boundaries: np.ndarray | None,
+) -> np.ndarray:
+    """Lengths of all intervals (T,), as fractions of their phase: even between the switches of the slowest axis."""
+    even = np.concatenate([np.full(count, 1 / count) for count in program.intervals])
+    if profile is None or settings.zero_end_controls or settings.transcription != "zoh" or profile.duration <= 0:
+        return even
+    if boundaries is not None:
+        edges = boundaries.tolist()
+    elif any(pin.axis != profile.axis or abs(pin.normal[pin.axis]) != 1 for pin in route.pins):
+        return even
+    else:
+        values = [pin.normal[pin.axis] * (pin.value + pin.reach / 2) for pin in route.pins]
+        edges = [0.0, *(profile.time_at(value) for value in values), profile.duration]
+    pieces = []
+    for count, (begin, end) in zip(program.intervals, itertools.pairwise(edges), strict=True):
+        apart = max(end - begin, 0.0) * LEAST_STEP / count
+        inner = [s - begin for s in profile.switches if begin + apart < s < end - apart]
+        grid = make_grid(inner, end - begin, count, apart) if end - begin > SHORTEST_PHASE else None
+        pieces.append(np.full(count, 1 / count) if grid is None else np.diff(grid) / (end - begin))
+    return np.concatenate(pieces)
