@@ -21,7 +21,8 @@ from agile_jax.scene import POSE_SIZE
 
 SHORTEST_DURATION = 1e-2  # [s] below it the program is badly scaled, and nobody needs a fast path
 SAME_TIME = 1e-7  # [s] within which a node counts for both phases that meet there
-SCAN, SECTIONS = 6, 10  # evaluations of the search for the time of one boundary
+SCAN, SECTIONS = 6, 8  # evaluations of the search for the time of one boundary
+HOPELESS = 1.3  # golden sections around the best of the scan do not lower the effort by this factor
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -49,7 +50,12 @@ def applies(settings: ExpertSettings) -> bool:
 
 
 def solve_certified(
-    solver: CertifiedSolver, route: Route, profile: Profile, start: np.ndarray, target: np.ndarray
+    solver: CertifiedSolver,
+    route: Route,
+    profile: Profile,
+    start: np.ndarray,
+    target: np.ndarray,
+    rival: float = np.inf,
 ) -> tuple[Trajectory, float] | None:
     """The trajectory along a route that takes the lower bound's time with the least effort, and that effort [s].
 
@@ -61,6 +67,7 @@ def solve_certified(
         route: from `start` to `target`.
         profile: `slowest_axis` of start and target.
         start, target: poses, shape (4,).
+        rival: an effort that is already had; a search whose scan stays well above it is given up.
     """
     if profile.duration < SHORTEST_DURATION:
         return None
@@ -80,18 +87,18 @@ def solve_certified(
         crossings[p] = time
         return _solve_at(solver, route, profile, start, target, crossings)
 
-    return _search(at, before, after)
+    return _search(at, before, after, rival)
 
 
 def _search(
-    at: Callable[[float], tuple[Trajectory, float] | None], low: float, high: float
+    at: Callable[[float], tuple[Trajectory, float] | None], low: float, high: float, rival: float
 ) -> tuple[Trajectory, float] | None:
     """The least effort over a time in (low, high); None when all that were tried are infeasible."""
     scan = np.linspace(low, high, SCAN + 2)
     results = [None, *(at(float(time)) for time in scan[1:-1]), None]
     efforts = [np.inf if result is None else result[1] for result in results]
     k = int(np.argmin(efforts))
-    if not np.isfinite(efforts[k]):
+    if not np.isfinite(efforts[k]) or efforts[k] > HOPELESS * rival:
         return None
     best = results[k]
     a, b = float(scan[k - 1]), float(scan[k + 1])
