@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from agile_jax.expert.axis_program import AxisGrid, AxisSolver, make_axis_grid, solve_axis
+from agile_jax.expert.minimum_time import minimum_time
 from agile_jax.expert.profile import Profile, make_grid
 from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
@@ -21,7 +22,8 @@ from agile_jax.scene import POSE_SIZE
 
 SHORTEST_DURATION = 1e-2  # [s] below it the program is badly scaled, and nobody needs a fast path
 SAME_TIME = 1e-7  # [s] within which a node counts for both phases that meet there
-SCAN, SECTIONS = 6, 10  # evaluations of the search for the time of one boundary
+SCAN, SECTIONS = 5, 7  # evaluations of the search for the time of one boundary
+HOPELESS = 1.3  # golden sections around the best of the scan do not lower the effort by this factor
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -49,7 +51,12 @@ def applies(settings: ExpertSettings) -> bool:
 
 
 def solve_certified(
-    solver: CertifiedSolver, route: Route, profile: Profile, start: np.ndarray, target: np.ndarray
+    solver: CertifiedSolver,
+    route: Route,
+    profile: Profile,
+    start: np.ndarray,
+    target: np.ndarray,
+    rival: float = np.inf,
 ) -> tuple[Trajectory, float] | None:
     """The trajectory along a route that takes the lower bound's time with the least effort, and that effort [s].
 
@@ -61,7 +68,9 @@ def solve_certified(
         route: from `start` to `target`.
         profile: `slowest_axis` of start and target.
         start, target: poses, shape (4,).
+        rival: an effort that is already had; a search whose scan stays well above it is given up.
     """
+    settings = solver.settings
     if profile.duration < SHORTEST_DURATION:
         return None
     values = [pin.normal[pin.axis] * pin.value for pin in route.pins]
@@ -75,23 +84,30 @@ def solve_certified(
     p = unknown[0]
     before = crossings[p - 1] if p > 0 else 0.0
     after = crossings[p + 1] if p + 1 < len(crossings) else profile.duration
+    # The pinned axis itself needs its time to get there, and from there to rest at the target.
+    axis, velocity, acceleration = route.pins[p].axis, settings.velocity, settings.acceleration
+    before = max(before, abs(values[p] - start[axis]) / velocity[axis])
+    needed = minimum_time(target[axis] - values[p], velocity[axis], acceleration[axis], "free")
+    after = min(after, profile.duration - float(needed))
+    if before >= after:
+        return None
 
     def at(time: float) -> tuple[Trajectory, float] | None:
         crossings[p] = time
         return _solve_at(solver, route, profile, start, target, crossings)
 
-    return _search(at, before, after)
+    return _search(at, before, after, rival)
 
 
 def _search(
-    at: Callable[[float], tuple[Trajectory, float] | None], low: float, high: float
+    at: Callable[[float], tuple[Trajectory, float] | None], low: float, high: float, rival: float
 ) -> tuple[Trajectory, float] | None:
     """The least effort over a time in (low, high); None when all that were tried are infeasible."""
     scan = np.linspace(low, high, SCAN + 2)
     results = [None, *(at(float(time)) for time in scan[1:-1]), None]
     efforts = [np.inf if result is None else result[1] for result in results]
     k = int(np.argmin(efforts))
-    if not np.isfinite(efforts[k]):
+    if not np.isfinite(efforts[k]) or efforts[k] > HOPELESS * rival:
         return None
     best = results[k]
     a, b = float(scan[k - 1]), float(scan[k + 1])

@@ -65,7 +65,8 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         detours: list[Route] = []  # they need a search each, so that the others go first
 
         def attempt(route: Route) -> float:
-            attained = solve_certified(certified[condition], route, profile, start, scene.target)
+            rival = (least - profile.duration) / settings.effort_weight
+            attained = solve_certified(certified[condition], route, profile, start, scene.target, rival)
             if attained is None:
                 return np.inf
             trajectory, effort = attained

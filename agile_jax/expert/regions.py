@@ -14,12 +14,13 @@ A pose can keep the margin without being beyond any face, diagonally off an edge
 its own.
 """
 
+from collections.abc import Sequence
 from itertools import product
 from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.separation import planar_separation
+from agile_jax.expert.separation import Polygon, clip, planar_separation
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.geometry import rotation_2d
 from agile_jax.scene import POSE_SIZE, Scene, obstacle_clearances
@@ -42,6 +43,7 @@ class Side(NamedTuple):
     normal: np.ndarray  # (3,) of the face, away from the obstacle; zero where there is no face to pin to
     value: float  # the pose's position along the normal when the torso touches the face with its least footprint [m]
     reach: float  # how much larger that can be with other yaws [m]
+    least: float  # footprint [m] on that face
     face: np.ndarray  # (4,) normal and offset of the face that the corners keep beyond; NO_ROW in boxes
     lower: np.ndarray  # (4,) box around it, of the pose
     upper: np.ndarray  # (4,)
@@ -59,6 +61,7 @@ class Region(NamedTuple):
     lower: np.ndarray  # (4,)
     upper: np.ndarray  # (4,)
     faces: np.ndarray  # (n, 4) per obstacle
+    polygon: Polygon  # around its positions in the plane; empty in boxes, whose bounds say it all
 
 
 class FreeSpace(NamedTuple):
@@ -149,11 +152,32 @@ def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray, e
         chosen = [sides[i] for i, sides in zip(choice, per_obstacle, strict=True)]
         low = np.max([lower, *(side.lower for side in chosen)], axis=0)
         high = np.min([upper, *(side.upper for side in chosen)], axis=0)
-        if (low <= high).all():
-            faces = np.array([side.face for side in chosen]).reshape(-1, 4)
-            regions.append(Region(choice, low, high, faces))
+        if (low > high).any():
+            continue
+        faces = np.array([side.face for side in chosen]).reshape(-1, 4)
+        polygon: Polygon = ()
+        if exact:
+            polygon = clip_by_sides(rectangle(low, high), chosen, low, high)
+            if not polygon:
+                continue
+            low[:2], high[:2] = np.min(polygon, axis=0), np.max(polygon, axis=0)
+        regions.append(Region(choice, low, high, faces, polygon))
     heights = tuple(scene.obstacle_centers[:, 2].tolist())
     return FreeSpace(tuple(per_obstacle), heights, tuple(regions), scene.torso_half_size, exact)
+
+
+def rectangle(low: np.ndarray, high: np.ndarray) -> Polygon:
+    """The polygon of a box of poses in the plane."""
+    return [(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1])]
+
+
+def clip_by_sides(polygon: Polygon, sides: Sequence[Side], low: np.ndarray, high: np.ndarray) -> Polygon:
+    """What the sides' faces, with their least footprints, leave of a polygon at heights between low and high."""
+    for side in sides:
+        nx, ny, nz, offset = side.face
+        if nx or ny:
+            polygon = clip(polygon, (nx, ny), offset + side.least - max(nz * low[2], nz * high[2]))
+    return polygon
 
 
 def holds(space: FreeSpace, region: Region, pose: np.ndarray) -> bool:
@@ -180,7 +204,7 @@ def _box_sides(
         normal[axis] = sign
         value = float(normal @ center + body[axis] + margin)
         low, high = half_space_box(normal, value, lower, upper)
-        sides.append(Side(name, normal, value, 0.0, NO_ROW, low, high))
+        sides.append(Side(name, normal, value, 0.0, 0.0, NO_ROW, low, high))
     cells = [_cell(pose, center, body, margin, lower, upper) for pose in ends]
     return [*sides, *(cell for cell in cells if cell is not None)]
 
@@ -203,7 +227,7 @@ def _exact_sides(
         low, high = half_space_box(normal, offset + least, lower, upper)
         flat = bool(np.abs(normal[:2]).max() == 0)  # under and over are bounds, they need no row
         face = NO_ROW if flat else np.append(normal, offset)
-        return Side(name, normal, offset + least, most - least, face, low, high)
+        return Side(name, normal, offset + least, most - least, least, face, low, high)
 
     sides = []
     for name, axis, sign in FACES:
@@ -283,4 +307,4 @@ def _cell(
             low[axis] = max(low[axis], pose[axis])
         else:
             high[axis] = min(high[axis], pose[axis])
-    return Side("", np.zeros(3), 0.0, 0.0, NO_ROW, low, high)
+    return Side("", np.zeros(3), 0.0, 0.0, 0.0, NO_ROW, low, high)

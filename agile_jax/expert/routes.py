@@ -15,7 +15,8 @@ from typing import NamedTuple
 import numpy as np
 
 from agile_jax.expert.minimum_time import minimum_time, route_bounds
-from agile_jax.expert.regions import CONTAINMENT, FreeSpace, Region, Side, holds
+from agile_jax.expert.regions import CONTAINMENT, FreeSpace, Region, Side, clip_by_sides, holds
+from agile_jax.expert.separation import Polygon, clip
 from agile_jax.expert.settings import ExpertSettings
 
 BRANCH_ORDER = (
@@ -28,14 +29,27 @@ BRANCH_ORDER = (
 MAX_EXPANSIONS = 20_000
 
 
+class Boundary(NamedTuple):
+    """Where a route goes over from one region to the next."""
+
+    pin: Side  # on whose face
+    lower: np.ndarray  # (4,) box around it, of the pose
+    upper: np.ndarray  # (4,)
+
+
 class Route(NamedTuple):
     """A sequence of P regions."""
 
     regions: tuple[Region, ...]
-    pins: tuple[Side, ...]  # whose face is the boundary between phases p and p + 1, P - 1 of them
+    boundaries: tuple[Boundary, ...]  # between phases p and p + 1, P - 1 of them
     detours: int  # pins that are not on the slower horizontal axis
     duration_bound: float  # [s]
     objective_bound: float
+
+    @property
+    def pins(self) -> tuple[Side, ...]:
+        """The sides whose faces are the boundaries."""
+        return tuple(boundary.pin for boundary in self.boundaries)
 
 
 def branch_rank(branch: str) -> tuple[int, str]:
@@ -80,17 +94,23 @@ def find_routes(
     holds_start = [holds(space, region, start) for region in regions]
     holds_target = [holds(space, region, target) for region in regions]
     index = {region.sides: i for i, region in enumerate(regions)}
-    known: dict[int, list[int]] = {}
+    # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
+    times = minimum_time(target - start, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
+    priority = [*np.argsort(-times[:2], kind="stable").tolist(), 2]
+    known: dict[int, dict[int, Boundary]] = {}
 
-    def neighbours(i: int) -> list[int]:
+    def neighbours(i: int) -> dict[int, Boundary]:
         if i not in known:
-            known[i] = sorted(_neighbours(space, regions[i], index))
+            known[i] = dict(sorted(_neighbours(space, regions[i], index, priority), key=lambda pair: pair[0]))
         return known[i]
+
+    def boundaries(path: tuple[int, ...]) -> list[Boundary]:
+        return [neighbours(i)[j] for i, j in itertools.pairwise(path)]
 
     heap: list[tuple[float, tuple[int, ...]]] = []
 
     def push(path: tuple[int, ...]) -> None:
-        boxes = _boundaries([regions[i] for i in path])
+        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path)]
         heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path))
 
     for i in range(len(regions)):
@@ -101,7 +121,11 @@ def find_routes(
         expansions += 1
         _, path = heapq.heappop(heap)
         if holds_target[path[-1]]:
-            yield _make_route(space, [regions[i] for i in path], start, target, settings, initial_velocity)
+            crossed = boundaries(path)
+            boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
+            bounds = route_bounds(start, boxes, target, settings, initial_velocity)
+            detours = sum(boundary.pin.axis != priority[0] for boundary in crossed)
+            yield Route(tuple(regions[i] for i in path), tuple(crossed), detours, *bounds)
             continue
         for j in neighbours(path[-1]):
             if not holds_start[j] and not _returns([regions[i] for i in path], regions[j]):
@@ -111,10 +135,7 @@ def find_routes(
 def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Start, one point on each boundary, target, shape (P + 1, 4): the initial guess, a string pulled tight by fixed
     sweeps."""
-    boxes = _boundaries(route.regions)
-    for (low, high), pin in zip(boxes, route.pins, strict=True):
-        if np.abs(pin.normal[pin.axis]) == 1.0:
-            low[pin.axis] = high[pin.axis] = pin.normal[pin.axis] * (pin.value + pin.reach / 2)
+    boxes = [(boundary.lower, boundary.upper) for boundary in route.boundaries]
     points = [start, *(np.clip(start, low, high) for low, high in boxes), target]
     for _ in range(30):
         for p, (low, high) in enumerate(boxes, start=1):
@@ -125,49 +146,56 @@ def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray
     return np.array(points)
 
 
-def _make_route(
-    space: FreeSpace,
-    regions: list[Region],
-    start: np.ndarray,
-    target: np.ndarray,
-    settings: ExpertSettings,
-    initial_velocity: str,
-) -> Route:
-    duration, objective = route_bounds(start, _boundaries(regions), target, settings, initial_velocity)
-    # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
-    times = minimum_time(target - start, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
-    priority = [*np.argsort(-times[:2], kind="stable").tolist(), 2]
-    pins = []
-    for before, after in itertools.pairwise(regions):
-        obstacle = next(i for i in range(len(before.sides)) if before.sides[i] != after.sides[i])
-        pins.append(min(_pinnable(space, obstacle, before, after), key=lambda face: priority.index(face.axis)))
-    detours = sum(pin.axis != priority[0] for pin in pins)
-    return Route(tuple(regions), tuple(pins), detours, duration, objective)
-
-
-def _neighbours(space: FreeSpace, region: Region, index: dict[tuple[int, ...], int]) -> Iterator[int]:
-    """Regions that differ from one in the side of one obstacle, and intersect it where a face parts them."""
+def _neighbours(
+    space: FreeSpace, region: Region, index: dict[tuple[int, ...], int], priority: list[int]
+) -> Iterator[tuple[int, Boundary]]:
+    """Regions that differ from one in the side of one obstacle, with the boundary in between."""
     for obstacle, side in enumerate(region.sides):
         for other in range(len(space.sides[obstacle])):
             j = index.get((*region.sides[:obstacle], other, *region.sides[obstacle + 1 :]))
-            if other != side and j is not None and _pinnable(space, obstacle, region, space.regions[j]):
-                yield j
+            if other != side and j is not None:
+                boundary = _boundary(space, obstacle, region, space.regions[j], priority)
+                if boundary is not None:
+                    yield j, boundary
 
 
-def _pinnable(space: FreeSpace, obstacle: int, a: Region, b: Region) -> list[Side]:
-    """The faces, out of the two sides of the obstacle, that pass through the intersection of two regions."""
+def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: list[int]) -> Boundary | None:
+    """Where a path goes over from one region to another: on a face, out of the two sides of the obstacle, that passes
+    through their intersection; None when there is none."""
     low, high = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
     if (low > high).any():
-        return []
-    sides = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
-    return [side for side in sides if side.normal.any() and _crosses(side, low, high)]
+        return None
+    faces = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
+    for pin in sorted((face for face in faces if face.normal.any()), key=lambda face: priority.index(face.axis)):
+        box = _pinned_box(space, pin, b, a.polygon, low.copy(), high.copy())
+        if box is not None:
+            return Boundary(pin, *box)
+    return None
 
 
-def _crosses(side: Side, low: np.ndarray, high: np.ndarray) -> bool:
-    """Whether a face, for some yaw, passes through a box of poses."""
-    ends = side.normal * low[:3], side.normal * high[:3]
-    least, most = float(np.minimum(*ends).sum()), float(np.maximum(*ends).sum())
-    return least - CONTAINMENT <= side.value + side.reach and side.value <= most + CONTAINMENT
+def _pinned_box(
+    space: FreeSpace, pin: Side, other: Region, polygon: Polygon, low: np.ndarray, high: np.ndarray
+) -> tuple[np.ndarray, np.ndarray] | None:
+    """The box around where a face, for some yaw, passes through the intersection of a region's polygon, another region
+    and a box of poses."""
+    axis = pin.axis
+    if not space.exact or axis == 2:
+        value = pin.normal[axis] * pin.value
+        if not low[axis] <= value <= high[axis]:
+            return None
+        low[axis] = high[axis] = value
+        if not space.exact:
+            return low, high
+    sides = [space.sides[o][side] for o, side in enumerate(other.sides)]
+    polygon = clip_by_sides(polygon, sides, low, high)
+    if axis != 2:
+        normal = pin.normal[:2]
+        polygon = clip(polygon, normal, pin.value) if polygon else polygon
+        polygon = clip(polygon, -normal, -(pin.value + pin.reach)) if polygon else polygon
+    if not polygon:
+        return None
+    low[:2], high[:2] = np.maximum(low[:2], np.min(polygon, axis=0)), np.minimum(high[:2], np.max(polygon, axis=0))
+    return None if (low > high + CONTAINMENT).any() else (np.minimum(low, high), high)
 
 
 def _returns(path: Sequence[Region], region: Region) -> bool:
@@ -176,9 +204,3 @@ def _returns(path: Sequence[Region], region: Region) -> bool:
         if path[-1].sides[obstacle] != side and any(before.sides[obstacle] == side for before in path):
             return True
     return False
-
-
-def _boundaries(regions: Sequence[Region]) -> list[tuple[np.ndarray, np.ndarray]]:
-    """The boxes (lower, upper) shared by consecutive regions."""
-    pairs = itertools.pairwise(regions)
-    return [(np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)) for a, b in pairs]

@@ -1,9 +1,12 @@
-"""The shortest vector between two rectangles in the plane."""
+"""Convex polygons in the plane: the shortest vector between two rectangles, and what half-planes leave of a polygon."""
+
+from collections.abc import Sequence
 
 import numpy as np
 
 from agile_jax.geometry import rotation_2d
 
+TOUCHING = 1e-9  # [m] a polygon may be as thin as a line
 SIGNS = np.array([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
 
 
@@ -28,3 +31,22 @@ def _from_vertices(
     local = (vertices - center_b) @ rotation
     vectors = local - np.clip(local, -half_b, half_b)
     return np.asarray(rotation @ vectors[int(np.argmin((vectors**2).sum(1)))])
+
+
+Polygon = Sequence[tuple[float, float]]  # its vertices in order; empty when nothing is left
+
+
+def clip(polygon: Polygon, normal: Sequence[float] | np.ndarray, value: float) -> Polygon:
+    """The part of a convex polygon where normal . p >= value (Sutherland and Hodgman 1974)."""
+    heights = [normal[0] * x + normal[1] * y - value for x, y in polygon]
+    if all(height >= -TOUCHING for height in heights):
+        return polygon
+    kept: list[tuple[float, float]] = []
+    for i, (point, height) in enumerate(zip(polygon, heights, strict=True)):
+        before, below = polygon[i - 1], heights[i - 1]
+        if (height >= -TOUCHING) != (below >= -TOUCHING):
+            share = below / (below - height)
+            kept.append(tuple(b + share * (p - b) for b, p in zip(before, point, strict=True)))  # type: ignore[arg-type]
+        if height >= -TOUCHING:
+            kept.append(point)
+    return kept

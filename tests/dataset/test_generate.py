@@ -38,6 +38,8 @@ def test_summary_keeps_the_contract(reference):
     assert summary["attempted"] == 10
     assert summary["trajectories"] + sum(summary["failed"].values()) == 10
     assert sum(summary["branches"].values()) == summary["trajectories"]
+    assert sum(summary["methods"].values()) == summary["trajectories"]
+    assert set(summary["rescued"]) <= set(summary["methods"]) - {"certified", "fatrop"}
     assert summary["drawn_starts"] == 10 + summary["rejected_starts"]
     assert summary["unverified"] == 0
     assert summary["max_clearance_violation_m"] <= 0
