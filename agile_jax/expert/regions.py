@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.footprint import footprint, footprint_range
 from agile_jax.expert.separation import Polygon, clip, planar_separation
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.geometry import rotation_2d
@@ -109,18 +110,6 @@ def _check_clearance(scene: Scene, settings: ExpertSettings, pose: np.ndarray, n
                 f"{name} = {pose.tolist()} puts the torso {where} obstacle {i} (clearance {distance:.4f} m); "
                 f"at least {planning_margin(settings):g} m is needed"
             )
-
-
-def footprint(half_size: np.ndarray, yaws: tuple[float, float]) -> np.ndarray:
-    """Half sizes (2,) of the axis-aligned rectangle that holds a rectangle at every yaw in an interval [m]."""
-    low, high = yaws
-    result = []
-    for a, b in ((half_size[0], half_size[1]), (half_size[1], half_size[0])):
-        peak = np.arctan2(b, a)  # |a cos| + |b sin| is largest here, and by symmetry at the mirrored angles
-        peaks = [sign * peak + turn * np.pi for sign in (-1, 1) for turn in range(-3, 4)]
-        yaws_to_try = [low, high, *(p for p in peaks if low <= p <= high)]
-        result.append(max(abs(a * np.cos(yaw)) + abs(b * np.sin(yaw)) for yaw in yaws_to_try))
-    return np.array(result)
 
 
 def boxes_suffice(scene: Scene, start: np.ndarray) -> bool:
@@ -258,20 +247,6 @@ def _beyond(side: Side, pose: np.ndarray, torso: np.ndarray) -> bool:
         return bool((pose >= side.lower - CONTAINMENT).all() and (pose <= side.upper + CONTAINMENT).all())
     footprint_now = torso[:2] @ np.abs(rotation_2d(pose[3]).T @ side.face[:2])
     return bool(side.face[:3] @ pose[:3] - footprint_now >= side.face[3] - CONTAINMENT)
-
-
-def footprint_range(half_size: np.ndarray, normal: np.ndarray, yaws: tuple[float, float]) -> tuple[float, float]:
-    """Least and largest support of the torso's rectangle along a normal, shape (3,), over an interval of yaw [m]."""
-    length = float(np.hypot(normal[0], normal[1]))
-    if length == 0:
-        return 0.0, 0.0
-    angle = float(np.arctan2(normal[1], normal[0]))
-    low, high = yaws[0] - angle, yaws[1] - angle
-    # Between its kinks at multiples of a quarter turn the support is concave.
-    kinks = np.arange(np.ceil(low / (np.pi / 2)), np.floor(high / (np.pi / 2)) + 1) * np.pi / 2
-    candidates = np.array([low, high, *kinks])
-    values = half_size[0] * np.abs(np.cos(candidates)) + half_size[1] * np.abs(np.sin(candidates))
-    return length * float(values.min()), length * float(footprint(half_size, (low, high))[0])
 
 
 def half_space_box(
