@@ -22,7 +22,7 @@ class Comparison(NamedTuple):
 
 
 def compare_planners(scene: Scene, settings: ExpertSettings, starts: np.ndarray) -> Comparison:
-    """Solve every start, shape (n, 4), at the target's height with both planners.
+    """Solve every start, shape (n, 4), at the target's height and from rest, with both planners.
 
     A start that is free below a table may have no path in the plane: the table is a full box there.
 
@@ -34,6 +34,6 @@ def compare_planners(scene: Scene, settings: ExpertSettings, starts: np.ndarray)
     durations = []
     for planner in ("3d", "2d"):
         expert = make_expert(scene, settings.model_copy(update={"planner": planner}))
-        solutions = [expert.solve(start) for start in starts]
+        solutions = [expert.solve(start, initial_velocity="rest") for start in starts]
         durations.append(np.array([s.duration if s.status == "solved" else np.nan for s in solutions]))
     return Comparison(*durations)

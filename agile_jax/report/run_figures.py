@@ -68,7 +68,8 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
         if blocked:
             sentences.append(f"There is no {short} path: its {blocked[0]} is too near to an obstacle.")
             continue
-        solution = make_expert(scene, inputs.expert.model_copy(update={"planner": planner})).solve(start)
+        expert = make_expert(scene, inputs.expert.model_copy(update={"planner": planner}))
+        solution = expert.solve(start, initial_velocity="rest")  # the paper's, however the labels begin
         if solution.status == "solved":
             drawn[f"{label}\n({solution.branch})"] = solution.trajectory
             sentences.append(
