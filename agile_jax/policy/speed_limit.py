@@ -2,9 +2,13 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
-from agile_jax.policy.features import YAW
+from agile_jax.policy.features import YAW, face_distances
 from agile_jax.scene import Scene, obstacle_clearances
+
+# Pairs of adjacent faces, of the six in the order of `face_distances`: opposite ones share no edge.
+EDGES = np.array([(f, g) for f in range(6) for g in range(6) if f // 2 != g // 2]).T
 
 
 def within_limits(velocity: jax.Array, velocity_limit: jax.Array) -> jax.Array:
@@ -15,31 +19,67 @@ def within_limits(velocity: jax.Array, velocity_limit: jax.Array) -> jax.Array:
 def brake_before_obstacles(
     scene: Scene, pose: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array, margin: float
 ) -> jax.Array:
-    """Take from the velocity what closes on an obstacle faster than could still be braked before the margin.
+    """Take from the velocity what would bring the torso nearer to an obstacle than the margin.
 
-    With clearance d, its gradient g in the pose, its part g_p in the position (a unit vector) and W = diag(A^2), the
-    position's axes braking together along W g_p decelerate d by a = sqrt(g_p W g_p). So the approach -g . v may be at
-    most sqrt(2 a (d - margin)); the excess is removed along W g_p, the smallest change in units of the accelerations.
-    Motion along the obstacle and away from it is untouched. The yaw counts in the approach but is not used to brake:
-    turning away would leave the speed for later.
+    For one obstacle let d_f be the signed distances to the planes of its faces, J_f their gradients in the pose, and
+    W = diag(A^2). The torso is clear while one d_f is positive, so a velocity is safe when any of these holds:
+
+        face f, d_f > 0:            -J_f . v <= sqrt(2 a_f (d_f - m)): it can be braked before the plane of f,
+                                    a_f = sqrt(J_f W J_f) what the axes brake together
+        edge f g, d_f > m > d_g:    ((d_f - m) J_g + (m - d_g) J_f) . v >= 0: straight on, it is outside g before it
+                                    meets f, like the torso that ducks while it runs towards a table
+        clearance d, gradient J:    -J . v <= sqrt(2 a (d - m)): exact for a torso that is turned against the obstacle,
+                                    of which the faces see its bounding box only
+
+    Each is a half-space of velocities; the velocity is moved into the nearest one, along W J, the smallest change in
+    units of the accelerations. A velocity that is in one of them, as along the labels, is untouched. The yaw counts in
+    the approach but is not used to brake: turning away would leave the speed for later.
 
     Args:
         scene: n obstacles, taken one after the other.
         pose, velocity, acceleration_limit: shape (4,).
-        margin: [m].
+        margin: m [m].
     """
     if len(scene.obstacle_centers) == 0:
         return velocity
-    distances = obstacle_clearances(scene, pose, jnp)  # (n,)
-    gradients = jax.jacrev(lambda s: obstacle_clearances(scene, s, jnp))(pose)  # (n, 4)
     weights = (acceleration_limit**2).at[YAW].set(0.0)
-    for i in range(len(scene.obstacle_centers)):
-        weighted = weights * gradients[i]
-        square = jnp.maximum(gradients[i] @ weighted, 1e-9)
-        allowed = jnp.sqrt(2.0 * jnp.sqrt(square) * jnp.maximum(distances[i] - margin, 0.0))
-        excess = jnp.maximum(-(gradients[i] @ velocity) - allowed, 0.0)
-        velocity = velocity + excess * weighted / square
+    faces = face_distances(scene, pose)  # (n, 6)
+    face_normals = jax.jacfwd(lambda s: face_distances(scene, s))(pose)  # (n, 6, 4)
+    exact = obstacle_clearances(scene, pose, jnp)  # (n,)
+    exact_normals = jax.jacrev(lambda s: obstacle_clearances(scene, s, jnp))(pose)  # (n, 4)
+    for i in range(len(exact)):
+        spaces = _safe_half_spaces(faces[i], face_normals[i], exact[i], exact_normals[i], weights, margin)
+        velocity = _into_nearest(velocity, *spaces, weights)
     return velocity
+
+
+def _safe_half_spaces(
+    faces: jax.Array, face_normals: jax.Array, exact: jax.Array, exact_normal: jax.Array, weights: jax.Array, margin: float
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Normals (k, 4), allowed approach (k,) and validity (k,) of the half-spaces -normal . v <= allowed, one obstacle."""
+    on, off = EDGES
+    distances, normals = jnp.append(faces, exact), jnp.concatenate([face_normals, exact_normal[None]])  # (7,), (7, 4)
+    room = jnp.maximum(distances - margin, 0.0)
+    braking = jnp.sqrt(jnp.maximum((normals**2 * weights).sum(-1), 0.0))
+    allowed = jnp.sqrt(2.0 * braking * room)
+    valid = (distances > 0.0).at[-1].set(True)
+    beyond = jnp.maximum(margin - faces, 0.0)
+    edges = room[on, None] * face_normals[off] + beyond[off, None] * face_normals[on]
+    return (
+        jnp.concatenate([normals, edges]),
+        jnp.concatenate([allowed, jnp.zeros(len(on))]),
+        jnp.concatenate([valid, (room[on] > 0.0) & (beyond[off] > 0.0)]),
+    )
+
+
+def _into_nearest(
+    velocity: jax.Array, normals: jax.Array, allowed: jax.Array, valid: jax.Array, weights: jax.Array
+) -> jax.Array:
+    """The velocity (4,) moved into the nearest of the half-spaces, nearest in the metric of 1 / weights."""
+    square = jnp.maximum((normals**2 * weights).sum(-1), 1e-9)
+    excess = jnp.maximum(-(normals @ velocity) - allowed, 0.0)
+    nearest = jnp.argmin(jnp.where(valid, excess**2 / square, jnp.inf))
+    return velocity + excess[nearest] / square[nearest] * weights * normals[nearest]
 
 
 def brake_before_bounds(scene: Scene, pose: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array) -> jax.Array:
