@@ -64,7 +64,7 @@ def make_backend(
     policy = make_policy(scene, np.array(inputs.expert.velocity), acceleration_limit, inputs.policy)
     parameters = load_parameters(training_directory, policy)
     robot = load_robot(inputs.robot)
-    loop = make_closed_loop(scene, robot, inputs.control, policy.velocity, acceleration_limit)
+    loop = make_closed_loop(scene, robot, inputs.control, policy.command, acceleration_limit)
     model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
 
     def qpos(starts: np.ndarray) -> np.ndarray:

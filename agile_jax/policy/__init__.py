@@ -6,14 +6,15 @@ Only the settings are imported with the package; the rest loads JAX when first u
 from typing import TYPE_CHECKING
 
 from agile_jax.lazy import lazy_names
-from agile_jax.policy.settings import PolicySettings, TrainingSettings
+from agile_jax.policy.settings import ClosedLoopSettings, DaggerSettings, PolicySettings, TrainingSettings
 
 if TYPE_CHECKING:
     from agile_jax.policy.braking import braking_law
     from agile_jax.policy.checkpoint import load_parameters
-    from agile_jax.policy.closed_loop import OUTCOMES, Followed, follow
-    from agile_jax.policy.field import Encoding, Policy, make_policy
+    from agile_jax.policy.closed_loop import OUTCOMES, Followed, Follower, follow, make_follower
+    from agile_jax.policy.field import Encoding, Policy
     from agile_jax.policy.gamma_test import noise_floor
+    from agile_jax.policy.kinds import make_policy
     from agile_jax.policy.network import Normalization, PolicyParameters, parameter_count
     from agile_jax.policy.stage import train
     from agile_jax.policy.training import Fitted, fit_policy
@@ -23,9 +24,10 @@ __getattr__ = lazy_names(
     {
         "braking": "braking_law",
         "checkpoint": "load_parameters",
-        "closed_loop": "OUTCOMES Followed follow",
-        "field": "Encoding Policy make_policy",
+        "closed_loop": "OUTCOMES Followed Follower follow make_follower",
+        "field": "Encoding Policy",
         "gamma_test": "noise_floor",
+        "kinds": "make_policy",
         "network": "Normalization PolicyParameters parameter_count",
         "stage": "train",
         "training": "Fitted fit_policy",
@@ -34,9 +36,12 @@ __getattr__ = lazy_names(
 
 __all__ = [
     "OUTCOMES",
+    "ClosedLoopSettings",
+    "DaggerSettings",
     "Encoding",
     "Fitted",
     "Followed",
+    "Follower",
     "Normalization",
     "Policy",
     "PolicyParameters",
@@ -46,6 +51,7 @@ __all__ = [
     "fit_policy",
     "follow",
     "load_parameters",
+    "make_follower",
     "make_policy",
     "noise_floor",
     "parameter_count",

@@ -1,11 +1,13 @@
-"""The field in closed loop with a kinematic robot: a point in pose space that accelerates within bounds.
+"""The policy in closed loop with a kinematic robot: a point in pose space that accelerates within bounds.
 
-It answers what a mean squared error cannot: whether the field arrives, and whether it hits something on the way. A tick
-of `dt` takes the field one tick ahead, at s + s' dt, because s' cannot change before, and tracks it like the reference
-of the simulated robot does (tracker.py).
+It answers what a mean squared error cannot: whether the field arrives, and whether it hits something on the way. Every
+tick of `dt` asks the policy for a velocity and tracks it like the reference of the simulated robot does (tracker.py).
+
+Starts run in blocks of one size, filled up where they are fewer, and each loop ends by itself. So numbers do not depend
+on how many starts there are, nor on which run beside which.
 """
 
-import functools
+from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
@@ -16,15 +18,18 @@ from agile_jax.policy.features import pose_error
 from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.tracker import track
-from agile_jax.scene import Scene, clearance
+from agile_jax.scene import POSE_SIZE, Scene, clearance
 
-ARRIVED, COLLIDED, STALLED, LOST = range(4)
-OUTCOMES = ("arrived", "collided", "stalled", "lost")
+ARRIVED, COLLIDED, STALLED, TIMEOUT = range(4)
+OUTCOMES = ("arrived", "collided", "stalled", "timeout")
 STALL_SPEED = 0.01  # [m/s] at the end, away from the target
+HOLD = 1.0  # [s] within the tolerance, after which a loop ends
+BLOCK = 256  # starts at once
+CHUNK = 25  # ticks between two looks at whether all have ended
 
 
 class Followed(NamedTuple):
-    """n closed loops of K ticks."""
+    """n closed loops of at most K ticks; after its end a robot stands where it was."""
 
     outcome: np.ndarray  # (n,) int8, index into OUTCOMES; collided prevails
     arrival_time: np.ndarray  # (n,) [s], since when it is within the tolerance for good; infinity when never
@@ -37,6 +42,120 @@ class Followed(NamedTuple):
         return float((self.outcome == outcome).mean())
 
 
+Follower = Callable[[PolicyParameters, np.ndarray, np.ndarray], Followed]  # (parameters, starts (n, 4), limits (n,))
+
+
+class _Loop(NamedTuple):
+    """One robot."""
+
+    pose: jax.Array  # (4,)
+    velocity: jax.Array  # (4,)
+    nearest: jax.Array  # () least clearance so far [m]
+    outside: jax.Array  # () int32, the last tick outside of the tolerance, -1 when none
+    ended: jax.Array  # () bool
+
+
+def make_follower(
+    policy: Policy,
+    scene: Scene,
+    duration: float,
+    dt: float = 0.02,
+    acceleration_limit: np.ndarray | None = None,
+    tolerance: tuple[float, float] = (0.01, 0.03),
+) -> Follower:
+    """Compile the closed loop once, for any number of starts.
+
+    Args:
+        policy: the policy.
+        scene: obstacles and target.
+        duration: longest time limit [s].
+        dt: tick [s].
+        acceleration_limit: of the robot, shape (4,) [m/s^2, rad/s^2]; none when not given.
+        tolerance: distance [m] and yaw error [rad] that count as arrived.
+
+    Returns:
+        (parameters, starts (n, 4) [m, rad], time limits (n,) [s]) -> Followed, from rest at each start.
+    """
+    limit = np.full(POSE_SIZE, np.inf) if acceleration_limit is None else np.asarray(acceleration_limit)
+    limit = jnp.asarray(limit, jnp.float32)
+    scene = Scene(*(np.asarray(array, np.float32) for array in scene))
+    target = jnp.asarray(scene.target)
+    chunks = -(-round(duration / dt) // CHUNK)
+    hold = round(HOLD / dt)
+
+    def error(pose: jax.Array) -> tuple[jax.Array, jax.Array]:
+        """Distance [m] and yaw error [rad]."""
+        difference = pose_error(pose, target)
+        return jnp.linalg.norm(difference[:3]), jnp.abs(difference[3])
+
+    def outside(pose: jax.Array) -> jax.Array:
+        distance, angle = error(pose)
+        return ~((distance <= tolerance[0]) & (angle <= tolerance[1]))  # True for NaN
+
+    def begin(start: jax.Array) -> _Loop:
+        distance = clearance(scene, start, jnp)
+        return _Loop(start, jnp.zeros_like(start), distance, jnp.where(outside(start), 0, -1), jnp.bool_(False))
+
+    def tick(parameters: PolicyParameters, loop: _Loop, number: jax.Array, ticks: jax.Array) -> _Loop:
+        """From tick number - 1 to `number`, of `ticks` altogether."""
+        wanted = policy.command(parameters, loop.pose, loop.velocity, dt)
+        velocity = track(wanted, loop.velocity, limit, dt)
+        middle = loop.pose + (3 * loop.velocity + velocity) * dt / 8  # constant acceleration, half-way
+        pose = loop.pose + (loop.velocity + velocity) * dt / 2
+        nearest = jnp.minimum(clearance(scene, middle, jnp), clearance(scene, pose, jnp))
+        last = jnp.where(outside(pose), number, loop.outside)
+        ended = (number - last >= hold) | (number >= ticks)
+        moved = _Loop(pose, velocity, jnp.minimum(loop.nearest, nearest), last, ended)
+        return jax.tree.map(lambda new, old: jnp.where(loop.ended, old, new), moved, loop)
+
+    def run(parameters: PolicyParameters, starts: jax.Array, ticks: jax.Array) -> tuple[_Loop, jax.Array]:
+        many = jax.vmap(tick, (None, 0, None, 0))
+
+        def chunk(carry: tuple[jax.Array, _Loop, jax.Array]) -> tuple[jax.Array, _Loop, jax.Array]:
+            first, loops, poses = carry
+
+            def one(loops: _Loop, number: jax.Array) -> tuple[_Loop, jax.Array]:
+                loops = many(parameters, loops, number, ticks)
+                return loops, loops.pose
+
+            loops, visited = jax.lax.scan(one, loops, first + 1 + jnp.arange(CHUNK))
+            return first + CHUNK, loops, jax.lax.dynamic_update_slice(poses, visited, (first + 1, 0, 0))
+
+        poses = jnp.broadcast_to(starts, (chunks * CHUNK + 1, *starts.shape))
+        first, loops, poses = jax.lax.while_loop(
+            lambda carry: (carry[0] < chunks * CHUNK) & ~carry[1].ended.all(),
+            chunk,
+            (jnp.int32(0), jax.vmap(begin)(starts), poses),
+        )
+        numbers = jnp.arange(chunks * CHUNK + 1)[:, None, None]
+        return loops, jnp.where(numbers <= first, poses, loops.pose)
+
+    compiled = jax.jit(run)
+    distances = jax.jit(jax.vmap(error))
+
+    def block(parameters: PolicyParameters, starts: np.ndarray, limits: np.ndarray) -> Followed:
+        chosen = np.arange(BLOCK) % len(starts)
+        ticks = np.minimum(np.ceil(limits / dt - 1e-6), chunks * CHUNK).astype(np.int32)
+        loops, poses = compiled(parameters, jnp.asarray(starts[chosen], jnp.float32), jnp.asarray(ticks[chosen]))
+        final_error = np.asarray(distances(loops.pose)[0])
+        loops, poses = jax.device_get((loops, poses))
+        arrived = ~np.asarray(jax.vmap(outside)(loops.pose))
+        speed = np.linalg.norm(loops.velocity[:, :3], axis=-1)
+        outcome = np.where(arrived, ARRIVED, np.where(speed < STALL_SPEED, STALLED, TIMEOUT))
+        outcome = np.where(loops.nearest < 0, COLLIDED, outcome).astype(np.int8)
+        time = np.where(arrived, (loops.outside + 1) * dt, np.inf)
+        whole = Followed(outcome, time, loops.nearest, final_error, poses.swapaxes(0, 1))
+        return Followed(*(column[: len(starts)] for column in whole))
+
+    def follower(parameters: PolicyParameters, starts: np.ndarray, limits: np.ndarray) -> Followed:
+        blocks = [
+            block(parameters, starts[i : i + BLOCK], limits[i : i + BLOCK]) for i in range(0, len(starts), BLOCK)
+        ]
+        return Followed(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
+
+    return follower
+
+
 def follow(
     policy: Policy,
     params: PolicyParameters,
@@ -47,62 +166,6 @@ def follow(
     duration: float = 15.0,
     tolerance: tuple[float, float] = (0.01, 0.03),
 ) -> Followed:
-    """Integrate the field from rest at each start.
-
-    Args:
-        policy, params: the field.
-        scene: obstacles and target.
-        starts: shape (n, 4) [m, rad].
-        dt: tick [s].
-        acceleration_limit: of the robot, shape (4,) [m/s^2, rad/s^2]; none when not given.
-        duration: of every loop [s].
-        tolerance: distance [m] and yaw error [rad] that count as arrived.
-    """
-    limit = np.full(scene.target.shape, np.inf) if acceleration_limit is None else np.asarray(acceleration_limit)
-    ticks = round(duration / dt)
-    narrow = Scene(*(np.asarray(array, np.float32) for array in scene))
-    run = jax.jit(
-        jax.vmap(functools.partial(_loop, policy, narrow, dt, jnp.asarray(limit, jnp.float32), ticks), (None, 0))
-    )
-    poses, velocities, clearances = jax.device_get(run(params, jnp.asarray(starts, jnp.float32)))
-    error = np.asarray(pose_error(jnp.asarray(poses), jnp.asarray(scene.target, jnp.float32)))
-    distance = np.linalg.norm(error[..., :3], axis=-1)
-    inside = (distance <= tolerance[0]) & (np.abs(error[..., 3]) <= tolerance[1])  # False for NaN
-    last_outside = ticks - np.argmin(inside[:, ::-1], axis=1)  # index of the last tick outside
-    first = np.where(inside.all(1), 0, last_outside + 1)
-    arrived = inside[:, -1]
-    speed = np.linalg.norm(velocities[:, -1, :3], axis=-1)
-    outcome = np.where(arrived, ARRIVED, np.where(speed < STALL_SPEED, STALLED, LOST))
-    nearest = clearances.min(1)
-    return Followed(
-        outcome=np.where(nearest < 0, COLLIDED, outcome).astype(np.int8),
-        arrival_time=np.where(arrived, first * dt, np.inf),
-        min_clearance=nearest,
-        final_error=distance[:, -1],
-        poses=poses,
-    )
-
-
-def _loop(
-    policy: Policy,
-    scene: Scene,
-    dt: float,
-    acceleration_limit: jax.Array,
-    ticks: int,
-    params: PolicyParameters,
-    start: jax.Array,
-) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Poses and velocities (ticks + 1, 4) and clearances (ticks,) from one start."""
-
-    def tick(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], tuple[jax.Array, ...]]:
-        pose, velocity = carry
-        following = track(policy.velocity(params, pose + velocity * dt), velocity, acceleration_limit, dt)
-        middle = pose + (3 * velocity + following) * dt / 8  # constant acceleration, half-way
-        next_pose = pose + (velocity + following) * dt / 2
-        nearest = jnp.minimum(clearance(scene, middle, jnp), clearance(scene, next_pose, jnp))
-        return (next_pose, following), (next_pose, following, nearest)
-
-    rest = jnp.zeros_like(start)
-    _, (poses, velocities, nearest) = jax.lax.scan(tick, (start, rest), length=ticks)
-    nearest = jnp.minimum(nearest, clearance(scene, start, jnp))
-    return jnp.concatenate([start[None], poses]), jnp.concatenate([rest[None], velocities]), nearest
+    """Follow the policy from rest at each start, shape (n, 4), for `duration` [s] at most; see `make_follower`."""
+    follower = make_follower(policy, scene, duration, dt, acceleration_limit, tolerance)
+    return follower(params, starts, np.full(len(starts), duration))

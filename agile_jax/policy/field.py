@@ -1,4 +1,4 @@
-"""The policy: a velocity field whose behaviour near the target is designed, not learned.
+"""Policies that are a velocity field, whose behaviour near the target is designed, not learned.
 
     v(s) = base(s) + gain(s) * scale * bound(net(features(s)))
 
@@ -20,7 +20,7 @@ that can be braked before an obstacle.
 """
 
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -43,19 +43,61 @@ class Encoding(NamedTuple):
 
 
 class Policy(NamedTuple):
-    """A velocity field s -> s'. One pose a call; vmap at the caller. All functions are pure."""
+    """What drives a robot: a velocity field s -> s', or a feedback law (s, s') -> s''.
+
+    One pose a call; vmap at the caller. All functions are pure. Trackers use `command` alone.
+    """
 
     init: Callable[..., PolicyParameters]  # (key, initialisation="lecun_normal"), normalisation identity
     velocity: Callable[[PolicyParameters, jax.Array], jax.Array]  # pose (4,) -> limited velocity (4,)
-    encode: Callable[[jax.Array], Encoding]  # pose (4,)
-    field: Callable[[PolicyParameters, Encoding], jax.Array]  # -> velocity (4,) before any limit: what is trained
+    command: Callable[..., jax.Array]  # (parameters, pose, velocity, dt) -> wanted velocity a tick later (4,)
+    learns: Literal["velocity", "acceleration"]  # of a pose (4,); or of a state (8,), the pose and its velocity
+    encode: Callable[[jax.Array], Encoding]  # what it learns from, (4,) or (8,)
+    field: Callable[[PolicyParameters, Encoding], jax.Array]  # -> (4,) before any limit: what is trained
     fit: Callable[[PolicyParameters, np.ndarray], PolicyParameters]  # sets the normalisation from features (m, f)
 
 
-def make_policy(
+class Network(NamedTuple):
+    """The functions of a policy that do not depend on its kind."""
+
+    init: Callable[..., PolicyParameters]
+    fit: Callable[[PolicyParameters, np.ndarray], PolicyParameters]
+    output: Callable[[PolicyParameters, jax.Array], jax.Array]  # features (f,) -> (4,), not scaled
+
+
+def make_network(settings: PolicySettings, spans: np.ndarray, scale: np.ndarray) -> Network:
+    """The network of a policy.
+
+    Args:
+        settings: its layers.
+        spans: half of what each input can span, shape (f,).
+        scale: of the outputs, shape (4,).
+    """
+    layers = (*settings.hidden_layers, POSE_SIZE)
+    network = MLP(layers, settings.activation)
+
+    def init(key: jax.Array, initialisation: str = "lecun_normal") -> PolicyParameters:
+        module = MLP(layers, settings.activation, initialisation)
+        count = len(spans)
+        normalization = Normalization(jnp.zeros(count), jnp.ones(count), jnp.asarray(scale, jnp.float32))
+        return PolicyParameters(jax.jit(module.init)(key, jnp.zeros(count)), normalization)
+
+    def fit(parameters: PolicyParameters, inputs: np.ndarray) -> PolicyParameters:
+        if not settings.normalize_inputs:
+            return parameters
+        return parameters._replace(normalization=fit_normalization(inputs, spans, scale))
+
+    def output(parameters: PolicyParameters, inputs: jax.Array) -> jax.Array:
+        mean, std, _ = parameters.normalization
+        return network.apply(parameters.network, (inputs - mean) / std)
+
+    return Network(init, fit, output)
+
+
+def make_field(
     scene: Scene, velocity_limit: np.ndarray, acceleration_limit: np.ndarray, settings: PolicySettings
 ) -> Policy:
-    """The policy that `settings` describe.
+    """The plain or the residual field.
 
     Args:
         scene: target and obstacles.
@@ -68,7 +110,6 @@ def make_policy(
     residual = settings.kind == "residual"
     scale = np.asarray(velocity_limit) if residual else np.ones(POSE_SIZE)
     wall_length = settings.wall_length if settings.wall_features else None
-    layers = (*settings.hidden_layers, POSE_SIZE)
 
     def encode(pose: jax.Array) -> Encoding:
         pose = jnp.asarray(pose, jnp.float32)
@@ -79,27 +120,13 @@ def make_policy(
         return Encoding(features(scene, pose, wall_length), law.velocity, gain[None])
 
     inputs = jax.eval_shape(encode, jax.ShapeDtypeStruct((POSE_SIZE,), jnp.float32)).features.shape[-1]
-
-    def init(key: jax.Array, initialisation: str = "lecun_normal") -> PolicyParameters:
-        module = MLP(layers, settings.activation, initialisation)
-        network = jax.jit(module.init)(key, jnp.zeros(inputs))
-        normalization = Normalization(jnp.zeros(inputs), jnp.ones(inputs), jnp.asarray(scale, jnp.float32))
-        return PolicyParameters(network, normalization)
-
-    def fit(parameters: PolicyParameters, inputs_of_data: np.ndarray) -> PolicyParameters:
-        if not settings.normalize_inputs:
-            return parameters
-        spans = natural_range(scene, inputs)
-        return parameters._replace(normalization=fit_normalization(inputs_of_data, spans, scale))
-
-    network = MLP(layers, settings.activation)
+    network = make_network(settings, natural_range(scene, inputs), scale)
 
     def field(parameters: PolicyParameters, encoding: Encoding) -> jax.Array:
-        mean, std, unit = parameters.normalization
-        output = network.apply(parameters.network, (encoding.features - mean) / std)
+        output = network.output(parameters, encoding.features)
         if residual:
             output = 2.0 * jnp.tanh(output / 2.0)
-        return encoding.base + encoding.gain * unit * output
+        return encoding.base + encoding.gain * parameters.normalization.scale * output
 
     def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:
         pose = jnp.asarray(pose, jnp.float32)
@@ -109,4 +136,7 @@ def make_policy(
             result = brake_before_bounds(scene, pose, within_limits(result, limit), acceleration)
         return result
 
-    return Policy(init, velocity, encode, field, fit)
+    def command(parameters: PolicyParameters, pose: jax.Array, speed: jax.Array, dt: float) -> jax.Array:
+        return velocity(parameters, pose + speed * dt)  # a tick ahead: the velocity cannot change before
+
+    return Policy(network.init, velocity, command, "velocity", encode, field, network.fit)

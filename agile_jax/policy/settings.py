@@ -10,14 +10,14 @@ HiddenLayers = Annotated[tuple[Count, ...], Field(strict=False, min_length=1)]
 
 
 class PolicySettings(Settings):
-    """The velocity field s -> s'.
+    """The velocity field s -> s', or with kind = "feedback" the law (s, s') -> s'' (feedback.py).
 
     The paper's: kind = "plain", hidden_layers = [256, 1024, 1024, 1024, 1024, 256], activation = "tanh",
     normalize_inputs = false. It names no feature but the pose. What stands below `normalize_inputs` belongs to the
-    residual field (field.py) and changes nothing in the plain one.
+    residual field (field.py) and the feedback law, and changes nothing in the plain field.
     """
 
-    kind: Literal["plain", "residual"] = "residual"
+    kind: Literal["plain", "residual", "feedback"] = "residual"
     hidden_layers: HiddenLayers = (128, 128, 128)
     activation: Literal["tanh", "softplus", "gelu", "relu"] = "tanh"
     normalize_inputs: bool = True
@@ -27,6 +27,33 @@ class PolicySettings(Settings):
     approach_rate: Positive = 8.0  # 1 / time constant of the last centimetres [1/s]
     field_filter: bool = True  # limit the speed towards obstacles to what can be braked (speed_limit.py)
     filter_margin: Positive = 0.02  # clearance below which the field no longer approaches; less than the labels' [m]
+
+
+class ClosedLoopSettings(Settings):
+    """The learner's own test: a kinematic robot follows the policy from starts that no training has seen.
+
+    It may accelerate by the expert's bounds over `headroom`: a follower that has no more than its labels falls behind.
+    """
+
+    starts: Count = 1000  # of the scene's distribution, after training
+    headroom: Annotated[float, Field(gt=0, le=1)] = 0.92
+    dt: Positive = 0.02  # tick [s]
+    every: Annotated[int, Field(ge=0)] = 25  # epochs between two looks during training; 0: none
+    watched_starts: Count = 256  # of each look
+
+
+class DaggerSettings(Settings):
+    """Rounds of dataset aggregation (Ross, Gordon and Bagnell, AISTATS 2011), from the training's own rollouts.
+
+    A round rolls the policy out, asks the expert at poses on the way to the least clearances, adds its paths to the
+    training samples, and goes on training.
+    """
+
+    rounds: Annotated[int, Field(ge=0)] = 0
+    starts: Count = 2000  # rolled out in each round
+    queries: Count = 400  # poses in each round
+    epochs: Count = 20  # of each round's training
+    rate: Annotated[float, Field(gt=0, le=1)] = 0.3  # its learning rate over training.learning_rate
 
 
 class TrainingSettings(Settings):

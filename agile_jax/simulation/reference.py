@@ -1,6 +1,6 @@
-"""From the velocity field to the MPC's reference.
+"""From the policy to the MPC's reference.
 
-The reference is a pose that drives along the field under the expert's acceleration limits, starting from the measured
+The reference is a pose that follows the policy under the expert's acceleration limits, starting from the measured
 state and held within a leash of it: it can pull the robot (the position error of a robot that lags), but never run
 away from it.
 """
@@ -15,7 +15,8 @@ from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
 from agile_jax.policy.tracker import track
 
-Field = Callable[[Any, jax.Array], jax.Array]  # (parameters, pose (4,)) -> velocity (4,)
+# The policy's: (parameters, pose (4,), velocity (4,), dt) -> wanted velocity after dt (4,).
+Command = Callable[[Any, jax.Array, jax.Array, float], jax.Array]
 
 
 class ReferenceState(NamedTuple):
@@ -26,17 +27,17 @@ class ReferenceState(NamedTuple):
 
 
 def drive(
-    field: Field, parameters: Any, state: ReferenceState, acceleration_limit: jax.Array, dt: float
+    command: Command, parameters: Any, state: ReferenceState, acceleration_limit: jax.Array, dt: float
 ) -> ReferenceState:
-    """One step along the field, which is read one step ahead.
+    """One step along the policy's command.
 
     Args:
-        field, parameters: the policy.
+        command, parameters: the policy.
         state: pose and velocity.
         acceleration_limit: per axis, shape (4,).
         dt: [s].
     """
-    wanted = field(parameters, state.pose + state.velocity * dt)
+    wanted = command(parameters, state.pose, state.velocity, dt)
     velocity = track(wanted, state.velocity, acceleration_limit, dt)
     return ReferenceState(state.pose + velocity * dt, velocity)
 
@@ -55,7 +56,7 @@ def hold_within_leash(state: ReferenceState, pose: jax.Array, settings: ControlS
 
 
 def plan_reference(
-    field: Field,
+    command: Command,
     parameters: Any,
     state: ReferenceState,
     pose: jax.Array,
@@ -65,7 +66,7 @@ def plan_reference(
     """Advance the reference by one planning step and preview it over the MPC's horizon.
 
     Args:
-        field, parameters: the policy.
+        command, parameters: the policy.
         state: of the reference at the last plan.
         pose: measured [x, y, z, yaw] of the trunk, shape (4,) [m, rad].
         acceleration_limit: per axis, shape (4,).
@@ -75,10 +76,10 @@ def plan_reference(
         The new state, and the reference of the horizon.
     """
     state = hold_within_leash(state, pose, settings)
-    now = drive(field, parameters, state, acceleration_limit, settings.plan_dt)
+    now = drive(command, parameters, state, acceleration_limit, settings.plan_dt)
 
     def step(carry: ReferenceState, _: None) -> tuple[ReferenceState, ReferenceState]:
-        following = drive(field, parameters, carry, acceleration_limit, settings.mpc.mpc_dt)
+        following = drive(command, parameters, carry, acceleration_limit, settings.mpc.mpc_dt)
         return following, following
 
     _, ahead = jax.lax.scan(step, now, None, length=settings.mpc.horizon)

@@ -15,7 +15,7 @@ from agile_jax.control import ControllerState, ControlSettings, make_controller
 from agile_jax.robot import RobotModel, robot_state
 from agile_jax.scene import Scene
 from agile_jax.simulation.outcome import Outcome, init_outcome, trunk_pose, update_outcome
-from agile_jax.simulation.reference import Field, ReferenceState, plan_reference
+from agile_jax.simulation.reference import Command, ReferenceState, plan_reference
 from agile_jax.simulation.sensed import Sensed
 
 
@@ -50,7 +50,7 @@ class Trace(NamedTuple):
 
 
 def make_closed_loop(
-    scene: Scene, robot: RobotModel, settings: ControlSettings, field: Field, acceleration_limit: np.ndarray
+    scene: Scene, robot: RobotModel, settings: ControlSettings, command: Command, acceleration_limit: np.ndarray
 ) -> ClosedLoop:
     """Compose the loop.
 
@@ -58,7 +58,7 @@ def make_closed_loop(
         scene: target and obstacles, for the outcome only.
         robot: constants.
         settings: of the controller.
-        field: velocity field of the policy.
+        command: of the policy.
         acceleration_limit: of the reference, shape (4,).
     """
     controller = make_controller(robot, settings)
@@ -72,7 +72,7 @@ def make_closed_loop(
     def plan(parameters: Any, episode: Episode, sensed: Sensed) -> Episode:
         state = robot_state(sensed.qpos, sensed.qvel)
         reference_state, reference = plan_reference(
-            field, parameters, episode.reference, trunk_pose(sensed), limit, settings
+            command, parameters, episode.reference, trunk_pose(sensed), limit, settings
         )
         return episode._replace(
             controller=controller.plan(episode.controller, state, reference), reference=reference_state

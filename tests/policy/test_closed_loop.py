@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 
-from agile_jax.policy import follow, make_policy
-from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, LOST, STALLED
+from agile_jax.policy import Followed, follow, make_follower, make_policy
+from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, STALLED, TIMEOUT
 
 DT = 0.02
 
@@ -63,18 +63,45 @@ def test_fields_that_stand_still_or_run_away_are_told_apart():
     scene = empty_scene()
     policy, parameters = without_network(scene)
     starts = np.array([[0.0, 0.0, 0.28, 0.0]])
-    stand = policy._replace(velocity=lambda params, pose: jnp.zeros(4))
-    run = policy._replace(velocity=lambda params, pose: jnp.array([0.5, 0.0, 0.0, 0.0]))
-    broken = policy._replace(velocity=lambda params, pose: jnp.full(4, jnp.nan))
+    stand = policy._replace(command=lambda params, pose, velocity, dt: jnp.zeros(4))
+    run = policy._replace(command=lambda params, pose, velocity, dt: jnp.array([0.5, 0.0, 0.0, 0.0]))
+    broken = policy._replace(command=lambda params, pose, velocity, dt: jnp.full(4, jnp.nan))
     assert follow(stand, parameters, scene, starts, DT, ACCELERATION, 2.0).outcome[0] == STALLED
-    assert follow(run, parameters, scene, starts, DT, ACCELERATION, 20.0).outcome[0] == LOST
-    assert follow(broken, parameters, scene, starts, DT, ACCELERATION, 2.0).outcome[0] == LOST
+    assert follow(run, parameters, scene, starts, DT, ACCELERATION, 20.0).outcome[0] == TIMEOUT
+    assert follow(broken, parameters, scene, starts, DT, ACCELERATION, 2.0).outcome[0] == TIMEOUT
 
 
 def test_passing_through_the_target_is_no_arrival():
     scene = empty_scene()
     policy, parameters = without_network(scene)
-    through = policy._replace(velocity=lambda params, pose: jnp.array([0.5, 0.0, 0.0, 0.0]))
+    through = policy._replace(command=lambda params, pose, velocity, dt: jnp.array([0.5, 0.0, 0.0, 0.0]))
     result = follow(through, parameters, scene, TARGET[None] - [[1.0, 0, 0, 0]], DT, None, 6.0)
-    assert result.outcome[0] == LOST
+    assert result.outcome[0] == TIMEOUT
     assert np.isinf(result.arrival_time[0])
+
+
+def test_numbers_do_not_depend_on_how_many_starts_run_and_in_which_order():
+    scene = table_scene()
+    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+    parameters = policy.init(jax.random.key(1))
+    starts = np.random.default_rng(0).uniform([-0.5, -0.8, 0.2, -0.3], [0.8, 0.8, 0.3, 0.3], (300, 4))
+    follower = make_follower(policy, scene, 6.0, DT, ACCELERATION / 0.92)
+    limits = np.linspace(3.0, 6.0, 300)
+    whole, reverse = follower(parameters, starts, limits), follower(parameters, starts[::-1], limits[::-1])
+    few = follower(parameters, starts[250:270], limits[250:270])
+    for name in Followed._fields:
+        np.testing.assert_array_equal(getattr(whole, name), getattr(reverse, name)[::-1])
+        np.testing.assert_array_equal(getattr(whole, name)[250:270], getattr(few, name))
+
+
+def test_a_loop_ends_by_its_own_limit_and_after_it_has_arrived():
+    scene = empty_scene()
+    policy, parameters = without_network(scene)
+    starts = TARGET - np.array([[2.0, 0, 0, 0], [2.0, 0, 0, 0], [0.1, 0, 0, 0]])
+    follower = make_follower(policy, scene, 20.0, DT, ACCELERATION)
+    result = follower(parameters, starts, np.array([20.0, 1.0, 20.0]))
+    assert result.outcome.tolist() == [ARRIVED, TIMEOUT, ARRIVED]
+    ends = [int(np.flatnonzero((poses != poses[-1]).any(-1))[-1]) + 1 for poses in result.poses]
+    assert ends[1] == round(1.0 / DT)
+    for i in (0, 2):
+        assert ends[i] <= round((result.arrival_time[i] + 1.0) / DT) + 1

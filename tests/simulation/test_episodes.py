@@ -36,8 +36,9 @@ LIMITS = np.array([4.0, 4.0, 0.2, 4.0])
 EXPECTED = ["success", "collision", "timeout", "unstable"]
 
 
-def straight_line(parameters: Any, pose: jnp.ndarray) -> jnp.ndarray:
+def straight_line(parameters: Any, pose: jnp.ndarray, velocity: jnp.ndarray, dt: float) -> jnp.ndarray:
     """Drive straight to x = 1 at up to 0.8 m/s, keeping y: blind to obstacles, NaN at y < -0.5."""
+    pose = pose + velocity * dt
     error = jnp.stack([1.0 - pose[0], 0.0, 0.28 - pose[2], -pose[3]])
     speed = jnp.clip(2.0 * error, -0.8, 0.8)
     return jnp.where(pose[1] < -0.5, jnp.nan, parameters) * speed

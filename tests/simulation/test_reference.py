@@ -13,8 +13,8 @@ LIMIT = jnp.array([1.5, 1.5, 1.0, 3.0])
 TARGET = jnp.array([1.0, 0.5, 0.28, 0.0])
 
 
-def towards_target(parameters: float, pose: jnp.ndarray) -> jnp.ndarray:
-    return parameters * (TARGET - pose)
+def towards_target(parameters: float, pose: jnp.ndarray, velocity: jnp.ndarray, dt: float) -> jnp.ndarray:
+    return parameters * (TARGET - pose - velocity * dt)
 
 
 def test_acceleration_stays_within_its_limits():
