@@ -18,7 +18,7 @@ from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment_file import Table, origin, override, read_table
 from agile_jax.expert.settings import ExpertSettings, check_scene
 from agile_jax.files import hash_json
-from agile_jax.policy.settings import PolicySettings, TrainingSettings
+from agile_jax.policy.settings import ClosedLoopSettings, DaggerSettings, PolicySettings, TrainingSettings
 from agile_jax.report.settings import ReportSettings
 from agile_jax.robot.settings import RobotSettings
 from agile_jax.scene.settings import SceneSettings
@@ -30,7 +30,7 @@ STAGES = ("dataset", "training", "evaluation", "report")
 
 _READS = {  # the sections that a stage reads beyond those of the stages before it
     "dataset": ("seed", "scene", "expert", "dataset"),
-    "training": ("policy", "training"),
+    "training": ("policy", "training", "closed_loop", "dagger"),
     "evaluation": ("robot", "control", "evaluation"),
     "report": ("report",),
 }
@@ -46,6 +46,8 @@ class Experiment(Settings):
     dataset: DatasetSettings = DatasetSettings()
     policy: PolicySettings = PolicySettings()
     training: TrainingSettings = TrainingSettings()
+    closed_loop: ClosedLoopSettings = ClosedLoopSettings()
+    dagger: DaggerSettings = DaggerSettings()
     robot: RobotSettings = RobotSettings()
     control: ControlSettings = ControlSettings()
     evaluation: EvaluationSettings = EvaluationSettings()
@@ -79,12 +81,30 @@ class Experiment(Settings):
 
     @model_validator(mode="after")
     def _filter_lets_the_labels_pass(self) -> "Experiment":
-        filtered = self.policy.kind == "residual" and self.policy.field_filter and self.scene.obstacles
+        filtered = self.policy.kind != "plain" and self.policy.field_filter and self.scene.obstacles
         if filtered and self.policy.filter_margin >= self.expert.clearance_margin:
             raise ValueError(
                 f"policy.filter_margin = {self.policy.filter_margin} must be below expert.clearance_margin = "
                 f"{self.expert.clearance_margin}, or the filter would stop the field where the labels pass; "
                 "lower it, or set policy.field_filter = false"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _expert_can_answer(self) -> "Experiment":
+        if self.dagger.rounds and (self.policy.kind == "feedback" or self.expert.initial_velocity != "free"):
+            raise ValueError(
+                f"dagger.rounds = {self.dagger.rounds} asks the expert for the best velocity at a pose, which only "
+                'policies that learn it can use: it needs expert.initial_velocity = "free" and policy.kind = "plain" '
+                'or "residual"; set dagger.rounds = 0'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _feedback_has_labels(self) -> "Experiment":
+        if self.policy.kind == "feedback" and self.expert.initial_velocity != "rest":
+            raise ValueError(
+                'policy.kind = "feedback" learns how to speed up, too: it needs expert.initial_velocity = "rest"'
             )
         return self
 

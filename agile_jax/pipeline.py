@@ -144,12 +144,10 @@ def _dataset(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEng
 def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
     from agile_jax.dataset import load
     from agile_jax.policy import train
-    from agile_jax.scene import make_scene
 
-    del open_engine
     train(
         load(run_dir / "dataset"),
-        make_scene(experiment.scene),
+        experiment.scene,
         experiment.expert,
         experiment.policy,
         experiment.training,
@@ -157,6 +155,9 @@ def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEn
         run_dir / "training",
         progress,
         experiment.dataset,
+        experiment.closed_loop,
+        experiment.dagger,
+        open_engine,
     )
 
 

@@ -1,15 +1,20 @@
 """The dataset: verified trajectories of the expert in immutable, checked shards, split by trajectory. Loads no JAX."""
 
 from agile_jax.dataset.dataset import SPLITS, Dataset, Split, load, samples, split_mask
+from agile_jax.dataset.expert_time import expert_times
 from agile_jax.dataset.generate import IncompleteDatasetError, generate
+from agile_jax.dataset.queries import Answers, ask
 from agile_jax.dataset.settings import DatasetSettings
 
 __all__ = [
     "SPLITS",
+    "Answers",
     "Dataset",
     "DatasetSettings",
     "IncompleteDatasetError",
     "Split",
+    "ask",
+    "expert_times",
     "generate",
     "load",
     "samples",

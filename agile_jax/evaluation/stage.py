@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 
+from agile_jax.dataset import expert_times
 from agile_jax.engine import Engine
 from agile_jax.evaluation.backend import Backend, Inputs, make_backend
-from agile_jax.evaluation.expert_time import expert_times
 from agile_jax.evaluation.store import Columns, load_chunk, save_chunk, save_columns, save_traces
 from agile_jax.evaluation.summary import summarize
 from agile_jax.files import hash_json, write_json

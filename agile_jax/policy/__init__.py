@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from agile_jax.policy.checkpoint import load_parameters
     from agile_jax.policy.closed_loop import OUTCOMES, Followed, Follower, follow, make_follower
     from agile_jax.policy.field import Encoding, Policy
-    from agile_jax.policy.gamma_test import noise_floor
+    from agile_jax.policy.gamma_test import GammaTest, gamma_test
     from agile_jax.policy.kinds import make_policy
     from agile_jax.policy.network import Normalization, PolicyParameters, parameter_count
     from agile_jax.policy.stage import train
@@ -26,7 +26,7 @@ __getattr__ = lazy_names(
         "checkpoint": "load_parameters",
         "closed_loop": "OUTCOMES Followed Follower follow make_follower",
         "field": "Encoding Policy",
-        "gamma_test": "noise_floor",
+        "gamma_test": "GammaTest gamma_test",
         "kinds": "make_policy",
         "network": "Normalization PolicyParameters parameter_count",
         "stage": "train",
@@ -42,6 +42,7 @@ __all__ = [
     "Fitted",
     "Followed",
     "Follower",
+    "GammaTest",
     "Normalization",
     "Policy",
     "PolicyParameters",
@@ -50,10 +51,10 @@ __all__ = [
     "braking_law",
     "fit_policy",
     "follow",
+    "gamma_test",
     "load_parameters",
     "make_follower",
     "make_policy",
-    "noise_floor",
     "parameter_count",
     "train",
 ]

@@ -76,8 +76,9 @@ def make_follower(
     Returns:
         (parameters, starts (n, 4) [m, rad], time limits (n,) [s]) -> Followed, from rest at each start.
     """
-    limit = np.full(POSE_SIZE, np.inf) if acceleration_limit is None else np.asarray(acceleration_limit)
-    limit = jnp.asarray(limit, jnp.float32)
+    limit = jnp.full(POSE_SIZE, np.inf)
+    if acceleration_limit is not None:
+        limit = jnp.asarray(acceleration_limit, jnp.float32)
     scene = Scene(*(np.asarray(array, np.float32) for array in scene))
     target = jnp.asarray(scene.target)
     chunks = -(-round(duration / dt) // CHUNK)
@@ -148,9 +149,7 @@ def make_follower(
         return Followed(*(column[: len(starts)] for column in whole))
 
     def follower(parameters: PolicyParameters, starts: np.ndarray, limits: np.ndarray) -> Followed:
-        blocks = [
-            block(parameters, starts[i : i + BLOCK], limits[i : i + BLOCK]) for i in range(0, len(starts), BLOCK)
-        ]
+        blocks = [block(parameters, starts[i : i + BLOCK], limits[i : i + BLOCK]) for i in range(0, len(starts), BLOCK)]
         return Followed(*(np.concatenate(columns) for columns in zip(*blocks, strict=True)))
 
     return follower

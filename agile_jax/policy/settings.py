@@ -35,11 +35,11 @@ class ClosedLoopSettings(Settings):
     It may accelerate by the expert's bounds over `headroom`: a follower that has no more than its labels falls behind.
     """
 
-    starts: Count = 1000  # of the scene's distribution, after training
+    starts: Count = 256  # of the scene's distribution, after training
     headroom: Annotated[float, Field(gt=0, le=1)] = 0.92
     dt: Positive = 0.02  # tick [s]
     every: Annotated[int, Field(ge=0)] = 25  # epochs between two looks during training; 0: none
-    watched_starts: Count = 256  # of each look
+    watched_starts: Count = 256  # of each look, others than those after training
 
 
 class DaggerSettings(Settings):

@@ -54,9 +54,14 @@ def brake_before_obstacles(
 
 
 def _safe_half_spaces(
-    faces: jax.Array, face_normals: jax.Array, exact: jax.Array, exact_normal: jax.Array, weights: jax.Array, margin: float
+    faces: jax.Array,
+    face_normals: jax.Array,
+    exact: jax.Array,
+    exact_normal: jax.Array,
+    weights: jax.Array,
+    margin: float,
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """Normals (k, 4), allowed approach (k,) and validity (k,) of the half-spaces -normal . v <= allowed, one obstacle."""
+    """Of one obstacle the half-spaces -normal . v <= allowed: normals (k, 4), allowed (k,), whether they hold (k,)."""
     on, off = EDGES
     distances, normals = jnp.append(faces, exact), jnp.concatenate([face_normals, exact_normal[None]])  # (7,), (7, 4)
     room = jnp.maximum(distances - margin, 0.0)

@@ -7,6 +7,7 @@ was not killed (on a CPU; a GPU needs XLA's deterministic kernels for that).
 
 import pathlib
 import time
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
@@ -24,6 +25,7 @@ from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
 
 Labels = tuple[np.ndarray, np.ndarray]  # poses (m, 4) [m, rad], velocities (m, 4) [m/s, rad/s]
+Watch = Callable[[PolicyParameters], dict[str, float]]
 
 
 class Fitted(NamedTuple):
@@ -46,6 +48,8 @@ def fit_policy(
     seed: int,
     directory: pathlib.Path,
     progress: Progress = silent,
+    watch: tuple[int, Watch] | None = None,
+    initial: PolicyParameters | None = None,
 ) -> Fitted:
     """Fit the policy's network, going on from the last checkpoint in `directory` when there is one.
 
@@ -57,6 +61,8 @@ def fit_policy(
         seed: of the initial parameters and of the order of the samples.
         directory: for metrics.jsonl, tensorboard/ and checkpoints/.
         progress: is told of every epoch.
+        watch: every so many epochs, what it finds of the parameters joins the row of metrics.jsonl.
+        initial: parameters to begin with; random ones, and the samples' normalisation, when not given.
 
     Raises:
         BadInput: empty or non-finite samples, a batch larger than the samples, a checkpoint of other settings, or a
@@ -73,7 +79,7 @@ def fit_policy(
     fixed = settings.model_dump(mode="json", exclude={"checkpoint_every", "keep"})
     identity = identity | {"training": fixed, "seed": seed}
     folder = directory / "checkpoints"
-    state, key, samples, held_out = _prepare(policy, training, validation, settings, seed)
+    state, key, samples, held_out = _prepare(policy, training, validation, settings, seed, initial)
     restored = restore_checkpoint(folder, state.parameters, state.optimizer, identity)
     steps = steps_per_epoch(len(training[0]), settings.batch_size)
     epoch, rows, seconds = 0, [], 0.0
@@ -89,6 +95,8 @@ def fit_policy(
             state, losses = compiled.epoch(state, samples, key, jnp.int32(number))
             row = _row(compiled, state, np.asarray(losses), held_out, number, steps)
             row["learning_rate"] = float(schedule(row["step"] - 1))  # of the last step taken
+            if watch is not None and (number + 1) % watch[0] == 0:
+                row |= watch[1](state.parameters)
             log.append(row)
             seconds += time.perf_counter() - start
             done = number + 1
@@ -118,11 +126,22 @@ def check_labels(labels: Labels, name: str) -> None:
             raise BadInput(f"the {name} split has a {what} that is not finite, first in sample {int(bad.argmax())}")
 
 
-def _prepare(policy: Policy, training: Labels, validation: Labels, settings: TrainingSettings, seed: int) -> tuple:
+def _prepare(
+    policy: Policy,
+    training: Labels,
+    validation: Labels,
+    settings: TrainingSettings,
+    seed: int,
+    initial: PolicyParameters | None,
+) -> tuple:
     """Initial state, key of the orders, and both splits on the device."""
     init_key, order_key = jax.random.split(jax.random.key(seed))
     samples, held_out = encode_samples(policy, *training), encode_samples(policy, *validation)
-    parameters = policy.fit(policy.init(init_key, settings.initialisation), np.asarray(samples.encoding.features))
+    if initial is None:
+        random = policy.init(init_key, settings.initialisation)
+        parameters = policy.fit(random, np.asarray(samples.encoding.features))
+    else:
+        parameters = jax.tree.map(jnp.array, initial)  # a copy: an epoch consumes its state
     total = steps_per_epoch(len(training[0]), settings.batch_size) * settings.epochs
     optimizer = make_optimizer(settings, total).init(parameters.network)
     return TrainState(parameters, optimizer, jnp.int32(0)), order_key, samples, held_out
