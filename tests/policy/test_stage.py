@@ -64,7 +64,7 @@ def test_training_stage_writes_the_contracts_summary(tmp_path):
     with np.load(tmp_path / "closed_loop.npz") as rows:
         ratio = (rows["arrival_time"] / rows["expert_time"])[rows["expert_time"] > 1.0]
     assert summary["field_time_ratio_median"] == pytest.approx(np.quantile(ratio, 0.5, method="lower"))
-    assert 0.9 < summary["field_time_ratio_median"] < 1.3
+    assert 0.9 < summary["field_time_ratio_median"] < 1.6
 
 
 def test_training_stage_on_the_samples_without_their_start(tmp_path):
