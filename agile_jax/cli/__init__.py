@@ -23,7 +23,8 @@ COMMANDS = {  # name: (arguments, what it does)
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
-    "benchmark": ("expert [EXPERIMENT.toml]", "speed and quality against the peers"),
+    "export": ("RUN_DIR", "the trained policy of a finished run, in files for use elsewhere"),
+    "benchmark": ("expert|policy [EXPERIMENT.toml]", "speed and quality against the peers; the policy's speed"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco
@@ -89,7 +90,7 @@ def _dispatch(name: str, argv: list[str]) -> int:
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
     if name == "benchmark":
-        use_one_thread()
+        use_one_thread("policy" in argv[:1])
     elif name != "schema":
         prepare_libraries()
     if name in SIMULATING:

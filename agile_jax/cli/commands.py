@@ -65,8 +65,16 @@ class RolloutOptions:
 
 
 @dataclasses.dataclass(frozen=True)
+class ExportOptions:
+    """Where the files go."""
+
+    output: pathlib.Path | None = None
+    """The folder; RUN_DIR/export if not given."""
+
+
+@dataclasses.dataclass(frozen=True)
 class BenchmarkOptions:
-    """A benchmark of the expert."""
+    """A benchmark of the expert, or of the policy against it."""
 
     starts: int = 100
     """Starts of the experiment's distribution."""
@@ -147,24 +155,36 @@ def rollout(argv: list[str]) -> int:
     return DONE
 
 
+def export(argv: list[str]) -> int:
+    """`agile export`: the policy of a finished run, for use elsewhere."""
+    from agile_jax.exporting import export as export_run
+
+    run_dir, options = parse_run_dir("export", ExportOptions(), argv)
+    for path in export_run(run_dir, options.output):
+        print(path)
+    return DONE
+
+
 def benchmark(argv: list[str]) -> int:
-    """`agile benchmark expert`: the expert against the peers."""
+    """`agile benchmark expert|policy`: the expert against the peers, or the policy against the expert."""
     subject, *rest = argv or [""]
     if subject in ("-h", "--help"):
-        print("usage: agile benchmark expert [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
-        print("Solve the same starts with the expert and with its peers, in one thread, and print the ratios.")
+        print("usage: agile benchmark expert|policy [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
+        print("expert: solve the same starts with the expert and with its peers, in one thread, and print the ratios.")
+        print("policy: ask the policy and the expert about the same starts, on one core, and print the ratio.")
         return DONE
-    if subject != "expert":
-        raise BadInput(f"which benchmark? There is: expert{f', not {subject}' if subject else ''}")
-    from agile_jax.benchmark import TABLE, benchmark_expert, report
+    if subject not in ("expert", "policy"):
+        raise BadInput(f"which benchmark? There are: expert, policy{f', not {subject}' if subject else ''}")
+    from agile_jax.benchmark import TABLE, benchmark_expert, benchmark_policy, report, report_policy
     from agile_jax.files import write_json
 
-    experiment, options = parse_experiment("benchmark expert", BenchmarkOptions(), rest, TABLE)
+    experiment, options = parse_experiment(f"benchmark {subject}", BenchmarkOptions(), rest, TABLE)
     if options.starts < 1:
         raise BadInput(f"starts = {options.starts} must be at least 1")
+    measure, show = (benchmark_expert, report) if subject == "expert" else (benchmark_policy, report_policy)
     with _progress() as progress:
-        result = benchmark_expert(experiment, options.starts, progress)
-    print(report(result))
+        result = measure(experiment, options.starts, progress)
+    print(show(result))
     if options.output is not None:
         options.output.parent.mkdir(parents=True, exist_ok=True)
         write_json(options.output, result)

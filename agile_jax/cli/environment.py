@@ -47,8 +47,14 @@ def check_opengl() -> None:
     del os.environ["MUJOCO_GL"]
 
 
-def use_one_thread() -> None:
-    """One thread for the numerical libraries of this process, before anything imports them: for benchmarks per core."""
+def use_one_thread(one_core: bool = False) -> None:
+    """One thread for the numerical libraries of this process, before anything imports them: for benchmarks per core.
+
+    Args:
+        one_core: hold the process to one core as well, where the system can: JAX starts threads all the same.
+    """
     from agile_jax.engine import THREADS
 
     os.environ.update(THREADS)
+    if one_core and hasattr(os, "sched_setaffinity"):
+        os.sched_setaffinity(0, {max(os.sched_getaffinity(0))})

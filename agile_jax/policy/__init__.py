@@ -12,10 +12,12 @@ if TYPE_CHECKING:
     from agile_jax.policy.braking import braking_law
     from agile_jax.policy.checkpoint import load_parameters
     from agile_jax.policy.closed_loop import OUTCOMES, Followed, Follower, follow, make_follower
+    from agile_jax.policy.export import export_policy
     from agile_jax.policy.field import Encoding, Policy
     from agile_jax.policy.gamma_test import GammaTest, gamma_test
     from agile_jax.policy.kinds import make_policy
     from agile_jax.policy.network import Normalization, PolicyParameters, parameter_count
+    from agile_jax.policy.query import make_velocities
     from agile_jax.policy.stage import train
     from agile_jax.policy.training import Fitted, fit_policy
 
@@ -25,10 +27,12 @@ __getattr__ = lazy_names(
         "braking": "braking_law",
         "checkpoint": "load_parameters",
         "closed_loop": "OUTCOMES Followed Follower follow make_follower",
+        "export": "export_policy",
         "field": "Encoding Policy",
         "gamma_test": "GammaTest gamma_test",
         "kinds": "make_policy",
         "network": "Normalization PolicyParameters parameter_count",
+        "query": "make_velocities",
         "stage": "train",
         "training": "Fitted fit_policy",
     },
@@ -49,12 +53,14 @@ __all__ = [
     "PolicySettings",
     "TrainingSettings",
     "braking_law",
+    "export_policy",
     "fit_policy",
     "follow",
     "gamma_test",
     "load_parameters",
     "make_follower",
     "make_policy",
+    "make_velocities",
     "parameter_count",
     "train",
 ]

@@ -15,7 +15,9 @@ REQUIRED = {"train_mse", "validation_mse", "test_mse", "noise_floor_mse"}
 REQUIRED |= {"seconds", "compile_seconds", "epochs", "parameters", "device"}
 EXPERT = ExpertSettings(velocity=tuple(VELOCITY), acceleration=tuple(ACCELERATION))
 SETTINGS = TrainingSettings(batch_size=64, epochs=3)
-SCENE = SceneSettings(start=StartSettings(mean=(2.4, 0.0, 0.27, 0.0), std=(0.2, 0.2, 0.01, 0.0)))  # where the labels are
+SCENE = SceneSettings(
+    start=StartSettings(mean=(2.4, 0.0, 0.27, 0.0), std=(0.2, 0.2, 0.01, 0.0))
+)  # where the labels are
 
 
 def straight_lines(count: int = 40, nodes: int = 30) -> Dataset:

@@ -1,0 +1,114 @@
+"""`agile benchmark policy`: one query of the policy against one solve of the expert that it imitates.
+
+Both answer the same starts of the experiment's distribution in one process that is held to one core, in turn, so that
+what else the machine does hits both alike. The policy is asked for one pose at a time and for a batch, from NumPy array
+to NumPy array, limits and filter included; its weights are random, since the time does not depend on them. The expert's
+solve is a label's: every route that could be best, and the independent check. Both have run before the clock starts.
+"""
+
+import os
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from agile_jax.benchmark.metrics import Metric, as_json, number, table
+from agile_jax.dataset.starts import draw_start
+from agile_jax.experiment import Experiment
+from agile_jax.expert import make_expert
+from agile_jax.progress import Progress, silent
+from agile_jax.scene import make_scene
+
+BATCH = 4096
+SINGLE_CALLS = 10  # for each solve of the expert
+SPEED_TARGET = 1000.0  # queries in a batch for one solve
+METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
+
+
+def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progress = silent) -> dict[str, Any]:
+    """Measure, and return what goes into the JSON file: `metrics` by key and the method."""
+    from agile_jax.policy import make_policy, make_velocities
+
+    scene, settings = make_scene(experiment.scene), experiment.expert
+    expert = make_expert(scene, settings)
+    limits = np.array(settings.velocity), np.array(settings.acceleration)
+    velocities = make_velocities(make_policy(scene, *limits, experiment.policy))
+    poses = np.concatenate(
+        [draw_start(scene, experiment.scene, settings, experiment.seed, i).poses for i in range(starts)]
+    )
+    batch = np.resize(poses, (BATCH, poses.shape[1]))
+
+    for i, pose in enumerate(poses):  # builds the solvers that the measured starts need
+        progress(i, starts, "warming up")
+        expert.solve(pose)
+    velocities(poses[:1]), velocities(batch)
+    singles, batches, solves = [], [], []
+    for i, pose in enumerate(poses):
+        solves.append(_seconds(expert.solve, pose))
+        batches.append(_seconds(velocities, batch))
+        singles += [_seconds(velocities, pose[None]) for _ in range(SINGLE_CALLS)]
+        progress(i + 1, starts, "measuring: starts")
+    return {
+        "benchmark": "policy",
+        "experiment": experiment.name,
+        "method": METHOD,
+        "problem": {
+            "starts": starts,
+            "batch": BATCH,
+            "kind": experiment.policy.kind,
+            "hidden_layers": list(experiment.policy.hidden_layers),
+            "initial_velocity": settings.initial_velocity,
+            "nodes": settings.nodes,
+        },
+        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
+        "software": {name: version(name) for name in ("agile_jax", "casadi", "jax", "numpy")},
+        "metrics": as_json(_metrics(np.array(singles), np.array(batches), np.array(solves))),
+    }
+
+
+def _seconds(call: Callable[..., Any], argument: np.ndarray) -> float:
+    began = time.perf_counter()
+    call(argument)
+    return time.perf_counter() - began
+
+
+def _metrics(singles: np.ndarray, batches: np.ndarray, solves: np.ndarray) -> list[Metric]:
+    """Of the seconds of each call."""
+    found = []
+    for key, seconds, unit, scale, meaning in (
+        ("expert.solve", solves, "ms", 1e3, "one start"),
+        ("policy.single", singles, "us", 1e6, "one pose, a call of its own"),
+        ("policy.batch", batches, "ms", 1e3, f"{BATCH} poses in one call"),
+        ("policy.query", batches / BATCH, "us", 1e6, f"one pose of {BATCH} in one call"),
+    ):
+        median, p99 = scale * float(np.median(seconds)), scale * float(np.quantile(seconds, 0.99))
+        found.append(Metric(f"{key}_median", median, unit, "lower", meaning))
+        found.append(Metric(f"{key}_p99", p99, unit, "lower", "of the same"))
+    solve, mean = float(np.median(solves)), float(np.mean(solves))
+    query, single = float(np.median(batches)) / BATCH, float(np.median(singles))
+    return [
+        *found,
+        Metric("expert.solve_mean", 1e3 * mean, "ms", "lower", "of the same; a few hard starts take long"),
+        Metric("speed_ratio", solve / query, "", "higher", "median solve over median query in a batch", SPEED_TARGET),
+        Metric("speed_ratio_mean", mean / float(np.mean(batches)) * BATCH, "", "higher", "mean solve over mean query"),
+        Metric("speed_ratio_single", solve / single, "", "higher", "median solve over a query of its own"),
+    ]
+
+
+def report_policy(result: dict[str, Any]) -> str:
+    """The result as a table to read."""
+    metrics = result["metrics"]
+    rows = [
+        (f"{key} [{metric['unit']}]" if metric["unit"] else key, [number(metric["value"]), metric["meaning"]])
+        for key, metric in metrics.items()
+    ]
+    missed = [
+        f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])} ({metric['meaning']})"
+        for key, metric in metrics.items()
+        if Metric(key, **metric).missed
+    ]
+    problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
+    return "\n".join([f"{result['experiment']}: {problem}", "", table(["value", "of"], rows), *missed])
