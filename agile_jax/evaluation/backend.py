@@ -11,10 +11,17 @@ from agile_jax.control import ControlSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
 from agile_jax.policy import PolicySettings, load_parameters, make_policy
-from agile_jax.progress import silent
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
-from agile_jax.simulation import MujocoPhysics, Rollout, batch_loop, make_closed_loop, mjx_init, mjx_runner, run_mujoco
+from agile_jax.simulation import (
+    MjxSlots,
+    MujocoPhysics,
+    MujocoSlots,
+    batch_loop,
+    make_closed_loop,
+    mjx_init,
+    mjx_loop,
+)
 
 
 class Inputs(Protocol):
@@ -37,27 +44,22 @@ class Inputs(Protocol):
 
 
 class Backend(NamedTuple):
-    """What simulates a batch."""
+    """What simulates episodes."""
 
-    run: Callable[[np.ndarray, np.ndarray, int], Rollout]  # (starts (n, 4), time limits (n,) [s], traced)
+    slots: MujocoSlots | MjxSlots
+    qpos: Callable[[np.ndarray], np.ndarray]  # starts (n, 4) -> initial configurations (n, nq)
     device: str
+    plan_dt: float  # between two samples of a trace [s]
 
 
-def make_backend(
-    inputs: Inputs,
-    training_directory: pathlib.Path,
-    batch: int,
-    threads: int,
-    progress: Callable[[int, int, str], None] = silent,
-) -> Backend:
+def make_backend(inputs: Inputs, training_directory: pathlib.Path, slots: int, threads: int) -> Backend:
     """Load the policy and build the closed loop on the physics that `inputs.evaluation.backend` names.
 
     Args:
         inputs: settings.
         training_directory: holds the policy's checkpoints.
-        batch: episodes at once.
+        slots: episodes at once.
         threads: of the C physics.
-        progress: called with (episodes ended, episodes, note).
     """
     scene = make_scene(inputs.scene)
     acceleration_limit = np.array(inputs.expert.acceleration)
@@ -68,20 +70,10 @@ def make_backend(
     model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
 
     def qpos(starts: np.ndarray) -> np.ndarray:
-        return np.stack([np.asarray(standing_qpos(robot, start)) for start in starts])
+        return np.asarray(jax.vmap(lambda start: standing_qpos(robot, start))(np.asarray(starts, np.float32)))
 
     if inputs.evaluation.backend == "mjx":
-        runner = mjx_runner(loop, mjx_init(model))
-
-        def run_on_device(starts: np.ndarray, limits: np.ndarray, traced: int) -> Rollout:
-            del traced  # one compiled loop records nothing
-            return runner(parameters, qpos(starts), limits)
-
-        return Backend(run_on_device, str(jax.devices()[0].device_kind))
-
-    physics, compiled = MujocoPhysics(model, batch, threads), batch_loop(loop)
-
-    def run_in_threads(starts: np.ndarray, limits: np.ndarray, traced: int) -> Rollout:
-        return run_mujoco(compiled, physics, parameters, qpos(starts), limits, scene, traced, progress)
-
-    return Backend(run_in_threads, "cpu")
+        on_device = MjxSlots(mjx_loop(loop, mjx_init(model)), slots, parameters)
+        return Backend(on_device, qpos, str(jax.devices()[0].device_kind), inputs.control.plan_dt)
+    in_threads = MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters)
+    return Backend(in_threads, qpos, "cpu", inputs.control.plan_dt)

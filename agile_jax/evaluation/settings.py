@@ -14,4 +14,4 @@ class EvaluationSettings(Settings):
     backend: Literal["mujoco", "mjx"] = "mujoco"
     batch: Count = 64  # episodes simulated at once; does not change their results
     seed: Annotated[int, Field(ge=0)] = 0  # of the starts, beside the experiment's own
-    traced: Annotated[int, Field(ge=0)] = 8  # episodes recorded for figures and videos (mujoco)
+    traced: Annotated[int, Field(ge=0)] = 8  # episodes recorded for figures and videos

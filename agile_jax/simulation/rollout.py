@@ -38,15 +38,13 @@ class ClosedLoop(NamedTuple):
     acts_per_plan: int
 
 
-class Trace(NamedTuple):
-    """One recorded episode at the rate of the MPC, K samples."""
+def resume_from(mask: jax.Array, fresh: Any, old: Any) -> Any:
+    """Batched states that are `fresh` where `mask`, shape (n,), is set, and `old` elsewhere."""
 
-    time: np.ndarray  # (K,) [s]
-    qpos: np.ndarray  # (K, 19)
-    qvel: np.ndarray  # (K, 18)
-    torque: np.ndarray  # (K, 12) [Nm]
-    reference: np.ndarray  # (K, 8) pose and velocity of the reference
-    clearance: np.ndarray  # (K,) of the torso's envelope [m]
+    def choose(new: jax.Array, before: jax.Array) -> jax.Array:
+        return jnp.where(mask.reshape(-1, *([1] * (new.ndim - 1))), new, before)
+
+    return jax.tree.map(choose, fresh, old)
 
 
 def make_closed_loop(
