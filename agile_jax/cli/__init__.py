@@ -23,10 +23,11 @@ COMMANDS = {  # name: (arguments, what it does)
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
+    "compare": ("RUN_DIR RUN_DIR", "two evaluations from the same starts, paired"),
     "benchmark": ("expert [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
-SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco
+SIMULATING = ("run", "evaluate", "report", "sweep", "rollout", "compare")  # these import mujoco
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -11,7 +11,7 @@ from agile_jax.control import ControlSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
 from agile_jax.policy import PolicySettings, load_parameters, make_policy
-from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
+from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import (
     MjxSlots,
@@ -66,8 +66,9 @@ def make_backend(inputs: Inputs, training_directory: pathlib.Path, slots: int, t
     policy = make_policy(scene, np.array(inputs.expert.velocity), acceleration_limit, inputs.policy)
     parameters = load_parameters(training_directory, policy)
     robot = load_robot(inputs.robot)
-    loop = make_closed_loop(scene, robot, inputs.control, policy.velocity, acceleration_limit)
     model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
+    shapes = collision_shapes(model)
+    loop = make_closed_loop(scene, robot, shapes, inputs.control, policy.velocity, acceleration_limit)
 
     def qpos(starts: np.ndarray) -> np.ndarray:
         return np.asarray(jax.vmap(lambda start: standing_qpos(robot, start))(np.asarray(starts, np.float32)))

@@ -13,12 +13,14 @@ import numpy as np
 
 from agile_jax.engine import Engine
 from agile_jax.evaluation.backend import Inputs, make_backend
+from agile_jax.evaluation.breakdown import distributions, outcomes_by_region
 from agile_jax.evaluation.expert_time import expert_times
 from agile_jax.evaluation.store import Columns, load_chunk, save_chunk, save_columns, save_traces
 from agile_jax.evaluation.summary import summarize
 from agile_jax.files import hash_json, write_json
 from agile_jax.progress import silent
-from agile_jax.scene import make_scene, sample_starts
+from agile_jax.robot import load_robot
+from agile_jax.scene import clearance, make_scene, sample_starts
 from agile_jax.simulation import SUCCESS, Recorder, Rollout, stream
 
 START_STREAM = 7_001  # sets the evaluation's random stream apart from those of dataset and training
@@ -81,7 +83,14 @@ def evaluate(
     columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
     seconds, device = float(columns.pop("wall").sum()), str(columns.pop("device")[-1])
     columns |= {"start": starts, "time_limit": limits, **expert}
-    summary = {"backend": name, "device": device, **summarize(columns, inputs.control, seconds)}
+    scene, robot = make_scene(inputs.scene), load_robot(inputs.robot)
+    summary = {
+        "backend": name,
+        "device": device,
+        **summarize(columns, inputs.control, seconds),
+        **distributions(columns, float(robot.link_masses.sum())),
+        "outcomes_by_region": outcomes_by_region(columns, np.asarray(clearance(scene, starts))),
+    }
     save_columns(folder / f"{name}.npz", columns)
     write_json(folder / f"{name}.json", summary)
     return summary
@@ -148,9 +157,12 @@ def episode_columns(rollout: Rollout) -> Columns:
         "end_time": outcome.time,
         "arrival_time": np.where(success, outcome.inside_since, np.nan),
         "min_clearance": outcome.min_clearance,
+        "min_envelope_clearance": outcome.min_envelope_clearance,
         "final_error": outcome.planar_error,
         "velocity_tracking_rmse": np.sqrt(outcome.velocity_error_sum / steps),
         "torque_saturation": outcome.saturated / (12 * steps),
+        "work": outcome.work,
+        "distance": outcome.distance,
         "steps": outcome.steps,
         "mpc_failures": rollout.mpc_failures,
         "plans": rollout.plans,

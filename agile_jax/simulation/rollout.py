@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.control import ControllerState, ControlSettings, make_controller
-from agile_jax.robot import RobotModel, robot_state
+from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, robot_state
 from agile_jax.scene import Scene
 from agile_jax.simulation.outcome import Outcome, init_outcome, trunk_pose, update_outcome
 from agile_jax.simulation.reference import Field, ReferenceState, plan_reference
@@ -48,13 +48,19 @@ def resume_from(mask: jax.Array, fresh: Any, old: Any) -> Any:
 
 
 def make_closed_loop(
-    scene: Scene, robot: RobotModel, settings: ControlSettings, field: Field, acceleration_limit: np.ndarray
+    scene: Scene,
+    robot: RobotModel,
+    shapes: CollisionShapes,
+    settings: ControlSettings,
+    field: Field,
+    acceleration_limit: np.ndarray,
 ) -> ClosedLoop:
     """Compose the loop.
 
     Args:
         scene: target and obstacles, for the outcome only.
         robot: constants.
+        shapes: of the robot, for the outcome only.
         settings: of the controller.
         field: velocity field of the policy.
         acceleration_limit: of the reference, shape (4,).
@@ -77,9 +83,15 @@ def make_closed_loop(
         )
 
     def act(episode: Episode, sensed: Sensed) -> Episode:
-        saturated = jnp.sum(jnp.abs(episode.torque) >= robot.torque_limit * 0.9999).astype(jnp.float32)
         outcome = update_outcome(
-            episode.outcome, sensed, scene, episode.reference.velocity[:2], saturated, settings.control_dt
+            episode.outcome,
+            sensed,
+            scene,
+            body_clearance(robot, shapes, scene, sensed.qpos),
+            episode.reference.velocity[:2],
+            episode.torque,
+            jnp.asarray(robot.torque_limit, jnp.float32),
+            settings.control_dt,
         )
         state, torque = controller.act(episode.controller, robot_state(sensed.qpos, sensed.qvel))
         return episode._replace(controller=state, outcome=outcome, torque=torque)

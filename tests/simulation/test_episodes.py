@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from agile_jax.control import ControlSettings
-from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
+from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import Scene, SceneSettings, make_scene
 from agile_jax.simulation import (
     OUTCOME_NAMES,
@@ -55,8 +55,9 @@ def scene() -> Scene:
 
 @lru_cache
 def parts() -> tuple[Any, Any, Any]:
-    loop = make_closed_loop(scene(), ROBOT, CONTROL, straight_line, ACCELERATION)
-    return loop, batch_loop(loop), build_mujoco_model(scene(), RobotSettings(), CONTROL.control_dt)
+    model = build_mujoco_model(scene(), RobotSettings(), CONTROL.control_dt)
+    loop = make_closed_loop(scene(), ROBOT, collision_shapes(model), CONTROL, straight_line, ACCELERATION)
+    return loop, batch_loop(loop), model
 
 
 def standing(starts: np.ndarray) -> np.ndarray:
