@@ -1,19 +1,25 @@
 """Policy, controller and physics composed into something that runs a batch of episodes."""
 
 import pathlib
+import time
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.control import ControlSettings
+from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
+from agile_jax.geometry import wrap_angle
 from agile_jax.policy import PolicySettings, load_parameters, make_policy
+from agile_jax.policy.braking import braking_law
 from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
-from agile_jax.scene import SceneSettings, make_scene
+from agile_jax.scene import Scene, SceneSettings, make_scene, planar_scene
 from agile_jax.simulation import (
+    Field,
     MjxSlots,
     MujocoPhysics,
     MujocoSlots,
@@ -21,6 +27,8 @@ from agile_jax.simulation import (
     make_closed_loop,
     mjx_init,
     mjx_loop,
+    path_velocity,
+    policy_field,
 )
 
 
@@ -50,6 +58,7 @@ class Backend(NamedTuple):
     qpos: Callable[[np.ndarray], np.ndarray]  # starts (n, 4) -> initial configurations (n, nq)
     device: str
     plan_dt: float  # between two samples of a trace [s]
+    query_seconds: Callable[[], float]  # median time of one query of the planner [s]
 
 
 def make_backend(inputs: Inputs, training_directory: pathlib.Path, slots: int, threads: int) -> Backend:
@@ -63,18 +72,64 @@ def make_backend(inputs: Inputs, training_directory: pathlib.Path, slots: int, t
     """
     scene = make_scene(inputs.scene)
     acceleration_limit = np.array(inputs.expert.acceleration)
-    policy = make_policy(scene, np.array(inputs.expert.velocity), acceleration_limit, inputs.policy)
-    parameters = load_parameters(training_directory, policy)
+    field, parameters = _field(inputs, scene, training_directory)
     robot = load_robot(inputs.robot)
     model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
     shapes = collision_shapes(model)
-    loop = make_closed_loop(scene, robot, shapes, inputs.control, policy.velocity, acceleration_limit)
+    loop = make_closed_loop(scene, robot, shapes, inputs.control, field, acceleration_limit)
 
     def qpos(starts: np.ndarray) -> np.ndarray:
         return np.asarray(jax.vmap(lambda start: standing_qpos(robot, start))(np.asarray(starts, np.float32)))
 
+    planner = _planner(inputs, scene, slots)
+
+    def query_seconds() -> float:
+        if planner is not None:
+            return float(np.median(planner.solve_times))
+        return _median_latency(jax.jit(lambda pose: field(parameters, (), pose, jnp.float32(0.0))), scene.target)
+
+    plan_dt = inputs.control.plan_dt
     if inputs.evaluation.backend == "mjx":
         on_device = MjxSlots(mjx_loop(loop, mjx_init(model)), slots, parameters)
-        return Backend(on_device, qpos, str(jax.devices()[0].device_kind), inputs.control.plan_dt)
-    in_threads = MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters)
-    return Backend(in_threads, qpos, "cpu", inputs.control.plan_dt)
+        return Backend(on_device, qpos, str(jax.devices()[0].device_kind), plan_dt, query_seconds)
+    in_threads = MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters, planner)
+    return Backend(in_threads, qpos, "cpu", plan_dt, query_seconds)
+
+
+def _field(inputs: Inputs, scene: Scene, training_directory: pathlib.Path) -> tuple[Field, Any]:
+    """What the reference follows, and its parameters."""
+    kind = inputs.evaluation.planner
+    velocity, acceleration = np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration)
+    if kind == "policy":
+        policy = make_policy(scene, velocity, acceleration, inputs.policy)
+        return policy_field(policy.velocity), load_parameters(training_directory, policy)
+    if kind == "straight":
+        rate = inputs.policy.approach_rate
+
+        def straight(_: Any, pose: jax.Array) -> jax.Array:
+            error = pose - jnp.asarray(scene.target, jnp.float32)
+            error = error.at[3].set(wrap_angle(error[3], jnp))
+            return braking_law(error, jnp.asarray(velocity), jnp.asarray(acceleration), rate).velocity
+
+        return policy_field(straight), ()
+    return lambda parameters, path, pose, time: path_velocity(path, pose, time), ()
+
+
+def _planner(inputs: Inputs, scene: Scene, slots: int) -> ExpertPlanner | None:
+    kind, settings = inputs.evaluation.planner, inputs.expert
+    if kind in ("policy", "straight"):
+        return None
+    if kind == "open_loop_2d":
+        settings, scene = settings.model_copy(update={"planner": "2d"}), planar_scene(scene)
+    return ExpertPlanner(scene, settings, slots, inputs.evaluation.replan_interval if kind == "replan" else None)
+
+
+def _median_latency(query: Callable[[np.ndarray], Any], pose: np.ndarray) -> float:
+    """Of single calls [s]."""
+    query(pose).block_until_ready()
+    seconds = []
+    for _ in range(200):
+        begun = time.perf_counter()
+        query(pose).block_until_ready()
+        seconds.append(time.perf_counter() - begun)
+    return float(np.median(seconds))

@@ -82,11 +82,14 @@ def evaluate(
     rows = _episodes(inputs, run_directory, identity, starts, limits, threads, progress)
     columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
     seconds, device = float(columns.pop("wall").sum()), str(columns.pop("device")[-1])
+    query_seconds = float(np.median(columns.pop("query_seconds")))
     columns |= {"start": starts, "time_limit": limits, **expert}
     scene, robot = make_scene(inputs.scene), load_robot(inputs.robot)
     summary = {
         "backend": name,
         "device": device,
+        "planner": inputs.evaluation.planner,
+        "planning_ms_per_query_median": 1e3 * query_seconds,
         **summarize(columns, inputs.control, seconds),
         **distributions(columns, float(robot.link_masses.sum())),
         "outcomes_by_region": outcomes_by_region(columns, np.asarray(clearance(scene, starts))),
@@ -129,6 +132,7 @@ def _episodes(
             count, now = len(members), time.perf_counter()
             columns = {key: np.concatenate([members[i][key] for i in sorted(members)]) for key in row}
             columns |= {"wall": np.full(count, (now - begun) / count), "device": np.full(count, backend.device)}
+            columns |= {"query_seconds": np.full(count, backend.query_seconds())}
             begun = now
             if chunk == 0 and inputs.evaluation.traced:
                 save_traces(folder / f"{name}-traces.npz", recorder.traces(make_scene(inputs.scene), backend.plan_dt))

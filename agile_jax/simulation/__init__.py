@@ -5,6 +5,8 @@ from agile_jax.simulation.mjx_slots import MjxSlots, mjx_loop
 from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.mujoco_slots import MujocoSlots, batch_loop
 from agile_jax.simulation.outcome import OUTCOME_NAMES, SUCCESS, Outcome
+from agile_jax.simulation.paths import Path, PathPlanner, path_velocity
+from agile_jax.simulation.reference import Field, policy_field
 from agile_jax.simulation.rollout import ClosedLoop, Episode, make_closed_loop
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.slots import Rollout, Slots, gather, stream
@@ -15,10 +17,13 @@ __all__ = [
     "SUCCESS",
     "ClosedLoop",
     "Episode",
+    "Field",
     "MjxSlots",
     "MujocoPhysics",
     "MujocoSlots",
     "Outcome",
+    "Path",
+    "PathPlanner",
     "Recorder",
     "Rollout",
     "Sensed",
@@ -29,5 +34,7 @@ __all__ = [
     "make_closed_loop",
     "mjx_init",
     "mjx_loop",
+    "path_velocity",
+    "policy_field",
     "stream",
 ]

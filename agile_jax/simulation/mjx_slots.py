@@ -46,7 +46,7 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel) -> MjxLoop:
 
     def one_plan(parameters: Any, state: MjxState) -> tuple[MjxState, tuple[jax.Array, Sample]]:
         running = state.episode.outcome.status == RUNNING
-        episode = loop.plan(parameters, state.episode, state.sensed)
+        episode = loop.plan(parameters, (), state.episode, state.sensed)
         carry = (state.data, episode, state.sensed)
         (data, episode, sensed), _ = jax.lax.scan(one_act, carry, None, length=loop.acts_per_plan)
         reference = jnp.concatenate([episode.reference.pose, episode.reference.velocity])

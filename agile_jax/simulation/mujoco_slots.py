@@ -7,8 +7,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.outcome import RUNNING
+from agile_jax.simulation.paths import PathPlanner
 from agile_jax.simulation.rollout import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.slots import Rollout
@@ -35,7 +37,7 @@ def batch_loop(loop: ClosedLoop) -> BatchLoop:
     return BatchLoop(
         jax.jit(begin, donate_argnums=3),
         jax.jit(first),
-        jax.jit(jax.vmap(loop.plan, in_axes=(None, 0, 0)), donate_argnums=1),
+        jax.jit(jax.vmap(loop.plan, in_axes=(None, 0, 0, 0)), donate_argnums=2),
         jax.jit(jax.vmap(loop.act), donate_argnums=0),
         loop.acts_per_plan,
     )
@@ -44,9 +46,18 @@ def batch_loop(loop: ClosedLoop) -> BatchLoop:
 class MujocoSlots:
     """Slots in C MuJoCo. One advance is one plan and the control steps until the next."""
 
-    def __init__(self, loop: BatchLoop, physics: MujocoPhysics, parameters: Any) -> None:
-        """Args: loop: from `batch_loop`; physics: its batch is the number of slots; parameters: of the policy."""
-        self._loop, self._physics, self._parameters = loop, physics, parameters
+    def __init__(
+        self, loop: BatchLoop, physics: MujocoPhysics, parameters: Any, planner: PathPlanner | None = None
+    ) -> None:
+        """Allocate the slots.
+
+        Args:
+            loop: from `batch_loop`.
+            physics: its batch is the number of slots.
+            parameters: of the policy.
+            planner: where the loop follows paths.
+        """
+        self._loop, self._physics, self._parameters, self._planner = loop, physics, parameters, planner
         self._episodes: Episode | None = None
         self._active = np.zeros(physics.batch, bool)
         self._plans = np.zeros(physics.batch, int)
@@ -67,12 +78,20 @@ class MujocoSlots:
             self._episodes = self._loop.first(as_float32(self._sensed), jnp.asarray(limits))
         self._sensed = self._physics.reset(qpos, slots)
         self._episodes = self._loop.begin(mask, as_float32(self._sensed), jnp.asarray(limits), self._episodes)
+        if self._planner is not None:
+            self._planner.begin(slots, poses_of(qpos))
         self._active |= mask
         self._plans[slots] = 0
 
     def advance(self) -> np.ndarray:
         """Plan once, then act until the next plan is due."""
-        episodes = self._loop.plan(self._parameters, self._episodes, as_float32(self._sensed))
+        assert self._episodes is not None
+        paths: Any = ()
+        if self._planner is not None:
+            times = np.asarray(self._episodes.outcome.time, float)
+            self._planner.advance(poses_of(self._sensed.qpos), times, self._active)
+            paths = self._planner.paths
+        episodes = self._loop.plan(self._parameters, paths, self._episodes, as_float32(self._sensed))
         self._plans += self._active
         for _ in range(self._loop.acts_per_plan):
             episodes = self._loop.act(episodes, as_float32(self._sensed))
@@ -101,6 +120,11 @@ class MujocoSlots:
                 np.concatenate([np.asarray(reference.pose)[slot], np.asarray(reference.velocity)[slot]]),
             )
         ]
+
+
+def poses_of(qpos: np.ndarray) -> np.ndarray:
+    """[x, y, z, yaw] of the trunk, shape (n, 4), at coordinates (n, nq)."""
+    return np.concatenate([qpos[:, :3], quaternion_to_rpy(qpos[:, 3:7])[:, 2:]], -1)
 
 
 def as_float32(sensed: Sensed) -> Sensed:

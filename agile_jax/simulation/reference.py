@@ -1,4 +1,4 @@
-"""From the velocity field to the MPC's reference.
+"""From a velocity field to the MPC's reference.
 
 The reference is a pose that drives along the field under the expert's acceleration limits, starting from the measured
 state and held within a leash of it: it can pull the robot (the position error of a robot that lags), but never run
@@ -15,7 +15,9 @@ from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
 from agile_jax.policy.tracker import track
 
-Field = Callable[[Any, jax.Array], jax.Array]  # (parameters, pose (4,)) -> velocity (4,)
+# (parameters, path, pose (4,), time ()) -> velocity (4,). A policy ignores path and time; what follows a path
+# ignores the parameters.
+Field = Callable[[Any, Any, jax.Array, jax.Array], jax.Array]
 
 
 class ReferenceState(NamedTuple):
@@ -25,18 +27,30 @@ class ReferenceState(NamedTuple):
     velocity: jax.Array  # (4,) [m/s, rad/s]
 
 
+def policy_field(velocity: Callable[[Any, jax.Array], jax.Array]) -> Field:
+    """The field of a policy, (parameters, pose) -> velocity."""
+    return lambda parameters, path, pose, time: velocity(parameters, pose)
+
+
 def drive(
-    field: Field, parameters: Any, state: ReferenceState, acceleration_limit: jax.Array, dt: float
+    field: Field,
+    parameters: Any,
+    path: Any,
+    state: ReferenceState,
+    time: jax.Array,
+    acceleration_limit: jax.Array,
+    dt: float,
 ) -> ReferenceState:
     """One step along the field, which is read one step ahead.
 
     Args:
-        field, parameters: the policy.
+        field, parameters, path: what to follow.
         state: pose and velocity.
+        time: () [s].
         acceleration_limit: per axis, shape (4,).
         dt: [s].
     """
-    wanted = field(parameters, state.pose + state.velocity * dt)
+    wanted = field(parameters, path, state.pose + state.velocity * dt, time + dt)
     velocity = track(wanted, state.velocity, acceleration_limit, dt)
     return ReferenceState(state.pose + velocity * dt, velocity)
 
@@ -57,17 +71,20 @@ def hold_within_leash(state: ReferenceState, pose: jax.Array, settings: ControlS
 def plan_reference(
     field: Field,
     parameters: Any,
+    path: Any,
     state: ReferenceState,
     pose: jax.Array,
+    time: jax.Array,
     acceleration_limit: jax.Array,
     settings: ControlSettings,
 ) -> tuple[ReferenceState, Reference]:
     """Advance the reference by one planning step and preview it over the MPC's horizon.
 
     Args:
-        field, parameters: the policy.
+        field, parameters, path: what to follow.
         state: of the reference at the last plan.
         pose: measured [x, y, z, yaw] of the trunk, shape (4,) [m, rad].
+        time: () on the clock of the episode [s].
         acceleration_limit: per axis, shape (4,).
         settings: clocks and leash.
 
@@ -75,11 +92,12 @@ def plan_reference(
         The new state, and the reference of the horizon.
     """
     state = hold_within_leash(state, pose, settings)
-    now = drive(field, parameters, state, acceleration_limit, settings.plan_dt)
+    now = drive(field, parameters, path, state, time, acceleration_limit, settings.plan_dt)
 
-    def step(carry: ReferenceState, _: None) -> tuple[ReferenceState, ReferenceState]:
-        following = drive(field, parameters, carry, acceleration_limit, settings.mpc.mpc_dt)
+    def step(carry: ReferenceState, k: jax.Array) -> tuple[ReferenceState, ReferenceState]:
+        then = time + settings.plan_dt + k * settings.mpc.mpc_dt
+        following = drive(field, parameters, path, carry, then, acceleration_limit, settings.mpc.mpc_dt)
         return following, following
 
-    _, ahead = jax.lax.scan(step, now, None, length=settings.mpc.horizon)
+    _, ahead = jax.lax.scan(step, now, jnp.arange(settings.mpc.horizon, dtype=jnp.float32))
     return now, Reference(now.pose, now.velocity, ahead.pose, ahead.velocity)

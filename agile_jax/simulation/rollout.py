@@ -32,7 +32,7 @@ class ClosedLoop(NamedTuple):
     """Pure functions of one robot; vmap them."""
 
     init: Callable[[Sensed, jax.Array], Episode]  # (sensed, time_limit)
-    plan: Callable[[Any, Episode, Sensed], Episode]  # (policy parameters, episode, sensed)
+    plan: Callable[[Any, Any, Episode, Sensed], Episode]  # (policy parameters, path, episode, sensed)
     act: Callable[[Episode, Sensed], Episode]  # judges the last step, then sets the torque of the next
     control_dt: float  # [s]
     acts_per_plan: int
@@ -62,7 +62,7 @@ def make_closed_loop(
         robot: constants.
         shapes: of the robot, for the outcome only.
         settings: of the controller.
-        field: velocity field of the policy.
+        field: what to follow: `policy_field` of a policy, or of a path.
         acceleration_limit: of the reference, shape (4,).
     """
     controller = make_controller(robot, settings)
@@ -73,10 +73,10 @@ def make_closed_loop(
         reference = ReferenceState(trunk_pose(sensed), jnp.zeros_like(limit))
         return Episode(controller.init(state), reference, init_outcome(time_limit), jnp.zeros(12))
 
-    def plan(parameters: Any, episode: Episode, sensed: Sensed) -> Episode:
+    def plan(parameters: Any, path: Any, episode: Episode, sensed: Sensed) -> Episode:
         state = robot_state(sensed.qpos, sensed.qvel)
         reference_state, reference = plan_reference(
-            field, parameters, episode.reference, trunk_pose(sensed), limit, settings
+            field, parameters, path, episode.reference, trunk_pose(sensed), episode.outcome.time, limit, settings
         )
         return episode._replace(
             controller=controller.plan(episode.controller, state, reference), reference=reference_state

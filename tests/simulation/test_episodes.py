@@ -23,6 +23,7 @@ from agile_jax.simulation import (
     make_closed_loop,
     mjx_init,
     mjx_loop,
+    policy_field,
     stream,
 )
 
@@ -56,7 +57,7 @@ def scene() -> Scene:
 @lru_cache
 def parts() -> tuple[Any, Any, Any]:
     model = build_mujoco_model(scene(), RobotSettings(), CONTROL.control_dt)
-    loop = make_closed_loop(scene(), ROBOT, collision_shapes(model), CONTROL, straight_line, ACCELERATION)
+    loop = make_closed_loop(scene(), ROBOT, collision_shapes(model), CONTROL, policy_field(straight_line), ACCELERATION)
     return loop, batch_loop(loop), model
 
 
