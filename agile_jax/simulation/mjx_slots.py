@@ -74,6 +74,8 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel) -> MjxLoop:
 class MjxSlots:
     """Slots in MJX. One advance is a segment of plans on the device."""
 
+    plans_per_advance = SEGMENT
+
     def __init__(self, loop: MjxLoop, count: int, parameters: Any) -> None:
         """Args: loop: from `mjx_loop`; count: of the slots; parameters: of the policy."""
         self._loop, self._count, self._parameters = loop, count, parameters

@@ -57,7 +57,7 @@ class MujocoSlots:
             parameters: of the policy.
             planner: where the loop follows paths.
         """
-        self._loop, self._physics, self._parameters, self._planner = loop, physics, parameters, planner
+        self.loop, self.physics, self.parameters, self._planner = loop, physics, parameters, planner
         self._episodes: Episode | None = None
         self._active = np.zeros(physics.batch, bool)
         self._plans = np.zeros(physics.batch, int)
@@ -65,7 +65,7 @@ class MujocoSlots:
     @property
     def count(self) -> int:
         """How many episodes run at once."""
-        return self._physics.batch
+        return self.physics.batch
 
     def begin(self, slots: np.ndarray, qpos: np.ndarray, time_limits: np.ndarray) -> None:
         """Start new episodes."""
@@ -74,10 +74,10 @@ class MujocoSlots:
         mask = np.zeros(self.count, bool)
         mask[slots] = True
         if self._episodes is None:  # slots that are still free hold copies, which are never stepped
-            self._sensed = self._physics.reset(np.repeat(qpos[:1], self.count, 0))
-            self._episodes = self._loop.first(as_float32(self._sensed), jnp.asarray(limits))
-        self._sensed = self._physics.reset(qpos, slots)
-        self._episodes = self._loop.begin(mask, as_float32(self._sensed), jnp.asarray(limits), self._episodes)
+            self._sensed = self.physics.reset(np.repeat(qpos[:1], self.count, 0))
+            self._episodes = self.loop.first(as_float32(self._sensed), jnp.asarray(limits))
+        self._sensed = self.physics.reset(qpos, slots)
+        self._episodes = self.loop.begin(mask, as_float32(self._sensed), jnp.asarray(limits), self._episodes)
         if self._planner is not None:
             self._planner.begin(slots, poses_of(qpos))
         self._active |= mask
@@ -91,11 +91,11 @@ class MujocoSlots:
             times = np.asarray(self._episodes.outcome.time, float)
             self._planner.advance(poses_of(self._sensed.qpos), times, self._active)
             paths = self._planner.paths
-        episodes = self._loop.plan(self._parameters, paths, self._episodes, as_float32(self._sensed))
+        episodes = self.loop.plan(self.parameters, paths, self._episodes, as_float32(self._sensed))
         self._plans += self._active
-        for _ in range(self._loop.acts_per_plan):
-            episodes = self._loop.act(episodes, as_float32(self._sensed))
-            self._sensed = self._physics.step(np.asarray(episodes.torque, np.float64), self._active)
+        for _ in range(self.loop.acts_per_plan):
+            episodes = self.loop.act(episodes, as_float32(self._sensed))
+            self._sensed = self.physics.step(np.asarray(episodes.torque, np.float64), self._active)
         self._episodes = episodes
         status = np.asarray(episodes.outcome.status)
         self._active &= status == RUNNING
