@@ -24,10 +24,11 @@ COMMANDS = {  # name: (arguments, what it does)
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
     "export": ("RUN_DIR", "the trained policy of a finished run, in files for use elsewhere"),
+    "compare": ("RUN_DIR RUN_DIR", "two evaluations from the same starts, paired"),
     "benchmark": ("expert|policy [EXPERIMENT.toml]", "speed and quality against the peers; the policy's speed"),
     "schema": ("", "the JSON schema of experiment files"),
 }
-SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco
+SIMULATING = ("run", "evaluate", "report", "sweep", "rollout", "compare")  # these import mujoco
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

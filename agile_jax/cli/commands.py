@@ -165,6 +165,22 @@ def export(argv: list[str]) -> int:
     return DONE
 
 
+def compare(argv: list[str]) -> int:
+    """`agile compare`: two evaluations from the same starts."""
+    if {"-h", "--help"} & set(argv):
+        print("usage: agile compare RUN_DIR RUN_DIR [mujoco|mjx]\n")
+        print("Pair the episodes of two evaluations from the same starts: McNemar's exact test, arrival times.")
+        return DONE
+    if not 2 <= len(argv) <= 3:
+        raise BadInput("which two runs? usage: agile compare RUN_DIR RUN_DIR [mujoco|mjx]")
+    from agile_jax.evaluation import compare as pair
+
+    for key, value in pair(pathlib.Path(argv[0]), pathlib.Path(argv[1]), *argv[2:]).items():
+        text = "-".join(f"{end:.4g}" for end in value) if isinstance(value, list) else _number(value)
+        print(f"{key:<28}{text}")
+    return DONE
+
+
 def benchmark(argv: list[str]) -> int:
     """`agile benchmark expert|policy`: the expert against the peers, or the policy against the expert."""
     subject, *rest = argv or [""]

@@ -1,20 +1,35 @@
 """Policy, controller and physics composed into something that runs a batch of episodes."""
 
 import pathlib
+import time
 from collections.abc import Callable
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.control import ControlSettings
+from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
+from agile_jax.geometry import wrap_angle
 from agile_jax.policy import PolicySettings, load_parameters, make_policy
-from agile_jax.progress import silent
-from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
-from agile_jax.scene import SceneSettings, make_scene
-from agile_jax.simulation import MujocoPhysics, Rollout, batch_loop, make_closed_loop, mjx_init, mjx_runner, run_mujoco
+from agile_jax.policy.braking import braking_law
+from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
+from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene, planar_scene
+from agile_jax.simulation import (
+    Command,
+    MjxSlots,
+    MujocoPhysics,
+    MujocoSlots,
+    batch_loop,
+    make_closed_loop,
+    mjx_init,
+    mjx_loop,
+    path_command,
+    policy_command,
+)
 
 
 class Inputs(Protocol):
@@ -37,51 +52,86 @@ class Inputs(Protocol):
 
 
 class Backend(NamedTuple):
-    """What simulates a batch."""
+    """What simulates episodes."""
 
-    run: Callable[[np.ndarray, np.ndarray, int], Rollout]  # (starts (n, 4), time limits (n,) [s], traced)
+    slots: MujocoSlots | MjxSlots
+    qpos: Callable[[np.ndarray], np.ndarray]  # starts (n, 4) -> initial configurations (n, nq)
     device: str
+    plan_dt: float  # between two samples of a trace [s]
+    query_seconds: Callable[[], float]  # median time of one query of the planner [s]
 
 
-def make_backend(
-    inputs: Inputs,
-    training_directory: pathlib.Path,
-    batch: int,
-    threads: int,
-    progress: Callable[[int, int, str], None] = silent,
-) -> Backend:
+def make_backend(inputs: Inputs, training_directory: pathlib.Path, slots: int, threads: int) -> Backend:
     """Load the policy and build the closed loop on the physics that `inputs.evaluation.backend` names.
 
     Args:
         inputs: settings.
         training_directory: holds the policy's checkpoints.
-        batch: episodes at once.
+        slots: episodes at once.
         threads: of the C physics.
-        progress: called with (episodes ended, episodes, note).
     """
     scene = make_scene(inputs.scene)
     acceleration_limit = np.array(inputs.expert.acceleration)
-    policy = make_policy(scene, np.array(inputs.expert.velocity), acceleration_limit, inputs.policy)
-    parameters = load_parameters(training_directory, policy)
+    command, parameters = _command(inputs, scene, training_directory)
     robot = load_robot(inputs.robot)
-    loop = make_closed_loop(scene, robot, inputs.control, policy.command, acceleration_limit)
     model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
+    shapes = collision_shapes(model)
+    loop = make_closed_loop(scene, robot, shapes, inputs.control, command, acceleration_limit)
 
     def qpos(starts: np.ndarray) -> np.ndarray:
-        return np.stack([np.asarray(standing_qpos(robot, start)) for start in starts])
+        return np.asarray(jax.vmap(lambda start: standing_qpos(robot, start))(np.asarray(starts, np.float32)))
 
+    planner = _planner(inputs, scene, slots)
+
+    def query_seconds() -> float:
+        if planner is not None:
+            return float(np.median(planner.solve_times))
+        still, now = jnp.zeros(POSE_SIZE), jnp.float32(0.0)
+        query = jax.jit(lambda pose: command(parameters, (), pose, still, now, inputs.control.plan_dt))
+        return _median_latency(query, scene.target)
+
+    plan_dt = inputs.control.plan_dt
     if inputs.evaluation.backend == "mjx":
-        runner = mjx_runner(loop, mjx_init(model))
+        on_device = MjxSlots(mjx_loop(loop, mjx_init(model)), slots, parameters)
+        return Backend(on_device, qpos, str(jax.devices()[0].device_kind), plan_dt, query_seconds)
+    in_threads = MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters, planner)
+    return Backend(in_threads, qpos, "cpu", plan_dt, query_seconds)
 
-        def run_on_device(starts: np.ndarray, limits: np.ndarray, traced: int) -> Rollout:
-            del traced  # one compiled loop records nothing
-            return runner(parameters, qpos(starts), limits)
 
-        return Backend(run_on_device, str(jax.devices()[0].device_kind))
+def _command(inputs: Inputs, scene: Scene, training_directory: pathlib.Path) -> tuple[Command, Any]:
+    """What the reference follows, and its parameters."""
+    kind = inputs.evaluation.planner
+    limit, acceleration = np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration)
+    if kind == "policy":
+        policy = make_policy(scene, limit, acceleration, inputs.policy)
+        return policy_command(policy.command), load_parameters(training_directory, policy)
+    if kind == "straight":
+        rate = inputs.policy.approach_rate
 
-    physics, compiled = MujocoPhysics(model, batch, threads), batch_loop(loop)
+        def straight(_: Any, pose: jax.Array, velocity: jax.Array, dt: float) -> jax.Array:
+            error = pose + velocity * dt - jnp.asarray(scene.target, jnp.float32)
+            error = error.at[3].set(wrap_angle(error[3], jnp))
+            return braking_law(error, jnp.asarray(limit), jnp.asarray(acceleration), rate).velocity
 
-    def run_in_threads(starts: np.ndarray, limits: np.ndarray, traced: int) -> Rollout:
-        return run_mujoco(compiled, physics, parameters, qpos(starts), limits, scene, traced, progress)
+        return policy_command(straight), ()
+    return path_command, ()
 
-    return Backend(run_in_threads, "cpu")
+
+def _planner(inputs: Inputs, scene: Scene, slots: int) -> ExpertPlanner | None:
+    kind, settings = inputs.evaluation.planner, inputs.expert
+    if kind in ("policy", "straight"):
+        return None
+    if kind == "open_loop_2d":
+        settings, scene = settings.model_copy(update={"planner": "2d"}), planar_scene(scene)
+    return ExpertPlanner(scene, settings, slots, inputs.evaluation.replan_interval if kind == "replan" else None)
+
+
+def _median_latency(query: Callable[[np.ndarray], Any], pose: np.ndarray) -> float:
+    """Of single calls [s]."""
+    query(pose).block_until_ready()
+    seconds = []
+    for _ in range(200):
+        begun = time.perf_counter()
+        query(pose).block_until_ready()
+        seconds.append(time.perf_counter() - begun)
+    return float(np.median(seconds))

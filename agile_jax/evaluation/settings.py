@@ -2,16 +2,31 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from agile_jax.settings import Count, Settings
+from agile_jax.settings import Count, Positive, Settings
 
 
 class EvaluationSettings(Settings):
-    """Closed-loop episodes from starts of the scene's distribution that no training has seen."""
+    """Closed-loop episodes from starts of the scene's distribution that no training has seen.
+
+    The planner is what the controller follows. policy: the learned field. replan: the expert, asked again every
+    `replan_interval` from the measured pose. open_loop: the expert's path from the start. open_loop_2d: the same of the
+    planner that knows the plane only. straight: the braking law towards the target, blind to obstacles.
+    """
 
     episodes: Count = 64
     backend: Literal["mujoco", "mjx"] = "mujoco"
+    planner: Literal["policy", "replan", "open_loop", "open_loop_2d", "straight"] = "policy"
+    replan_interval: Positive = 0.1  # of the planner "replan" [s]
     batch: Count = 64  # episodes simulated at once; does not change their results
     seed: Annotated[int, Field(ge=0)] = 0  # of the starts, beside the experiment's own
-    traced: Annotated[int, Field(ge=0)] = 8  # episodes recorded for figures and videos (mujoco)
+    traced: Annotated[int, Field(ge=0)] = 8  # episodes recorded for figures and videos
+
+    @model_validator(mode="after")
+    def _planner_runs_in_the_backend(self) -> "EvaluationSettings":
+        if self.backend == "mjx" and self.planner not in ("policy", "straight"):
+            raise ValueError(
+                f'planner = "{self.planner}" asks the expert on the host, which backend = "mjx" cannot; use "mujoco"'
+            )
+        return self

@@ -11,7 +11,7 @@ from agile_jax.evaluation.stage import time_limit
 from agile_jax.expert import check_start, make_expert
 from agile_jax.progress import silent
 from agile_jax.scene import make_scene
-from agile_jax.simulation import OUTCOME_NAMES, Trace
+from agile_jax.simulation import OUTCOME_NAMES, Recorder, Trace, gather, stream
 
 
 class Watcher(Protocol):
@@ -48,9 +48,15 @@ def rollout_one(
     solution = make_expert(scene, inputs.expert).solve(pose, initial_velocity="rest")
     expert_time = solution.duration if solution.status == "solved" else np.nan
     limits = time_limit(np.array([expert_time]))
-    backend = make_backend(inputs, run_directory / "training", 1, 1, progress)
-    rollout = backend.run(pose[None], limits, 1)
-    outcome, trace = rollout.outcome, rollout.traces[0]
+    backend = make_backend(inputs, run_directory / "training", 1, 1)
+    recorder = Recorder(backend.slots, 1)
+
+    def record(holds: np.ndarray) -> None:
+        recorder(holds)
+        progress(0, 1, "simulated")
+
+    rollout = gather(1, stream(backend.slots, backend.qpos(pose[None]), limits, record))
+    outcome, trace = rollout.outcome, recorder.traces(scene, backend.plan_dt)[0]
     if watch is not None:
         watch(trace)
     name = OUTCOME_NAMES[int(outcome.status[0])]

@@ -21,3 +21,21 @@ def wilson_interval(successes: int, trials: int, z: float = 1.959963984540054) -
     low = 0.0 if successes == 0 else center - half
     high = 1.0 if successes == trials else center + half
     return low, high
+
+
+def mcnemar_p_value(only_first: int, only_second: int) -> float:
+    """Exact two-sided p-value of McNemar's test (1947): were two methods, tried on the same cases, equally good?
+
+    Only the cases count in which one succeeded and the other did not; if both are equally good, either is as likely.
+
+    Args:
+        only_first, only_second: cases in which only that one succeeded.
+
+    Raises:
+        ValueError: a negative number.
+    """
+    if min(only_first, only_second) < 0:
+        raise ValueError(f"{only_first} and {only_second} must not be negative")
+    trials, fewer = only_first + only_second, min(only_first, only_second)
+    tail = sum(math.comb(trials, k) for k in range(fewer + 1))
+    return min(1.0, 2 * tail / 2**trials)

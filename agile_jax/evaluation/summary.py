@@ -29,6 +29,7 @@ def summarize(columns: dict[str, np.ndarray], control: ControlSettings, seconds:
     counts = {name: int((columns["outcome"] == code).sum()) for code, name in enumerate(OUTCOME_NAMES) if code > 0}
     ratio = (columns["arrival_time"] / columns["expert_time"])[success & np.isfinite(columns["expert_time"])]
     finite_clearance = columns["min_clearance"][np.isfinite(columns["min_clearance"])]
+    solved = np.isfinite(columns["expert_time"])
     simulated = float(columns["steps"].sum()) * control.control_dt
 
     def quantile(values: np.ndarray, q: float) -> float | None:
@@ -52,7 +53,8 @@ def summarize(columns: dict[str, np.ndarray], control: ControlSettings, seconds:
         "torque_saturation_fraction": finite_or_none(np.average(columns["torque_saturation"], weights=steps)),
         "mpc_failures": int(columns["mpc_failures"].sum()),
         "mpc_solutions": int(columns["plans"].sum()),
-        "expert_failures": int((~np.isfinite(columns["expert_time"])).sum()),
+        "expert_failures": int((~solved).sum()),
+        "success_rate_where_path": float(success[solved].mean()) if solved.any() else None,
         "simulated_seconds_per_second": simulated / seconds,
         "seconds": seconds,
     }

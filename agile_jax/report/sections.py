@@ -42,7 +42,8 @@ _EVALUATION = {
     "success_rate_high": ("upper end of its 95 % Wilson interval", ""),
     "arrival_time_ratio_median": ("arrival time over the expert's, median", ""),
     "arrival_time_ratio_p95": ("arrival time over the expert's, 95th percentile", ""),
-    "min_clearance_m_p05": ("least clearance of an episode, 5th percentile", "m"),
+    "min_clearance_m_p05": ("least clearance of the robot in an episode, 5th percentile", "m"),
+    "cost_of_transport_quantiles": ("cost of transport, 5 %, 50 %, 95 %", ""),
     "final_error_m_median": ("final distance to the target, median", "m"),
     "velocity_tracking_rmse": ("velocity tracking error, root mean square", "m/s, rad/s"),
     "torque_saturation_fraction": ("torques at their limit, fraction", ""),
@@ -141,7 +142,16 @@ def evaluation_table(summary: dict[str, Any]) -> str:
     causes = ""
     if isinstance(failures, dict):
         causes = table(("failure", "episodes"), sorted(failures.items()))
-    rest = {key: value for key, value in summary.items() if key not in ("backend", "failures")}
+    regions = summary.get("outcomes_by_region")
+    if (
+        isinstance(regions, dict)
+        and all(isinstance(counts, dict) and counts for counts in regions.values())
+        and regions
+    ):
+        names = list(next(iter(regions.values())))
+        rows = [(region, *(counts.get(name, 0) for name in names)) for region, counts in regions.items()]
+        causes += table(("starts", *names), rows)
+    rest = {key: value for key, value in summary.items() if key not in ("backend", "failures", "outcomes_by_region")}
     return paragraph(words) + causes + _named(rest, _EVALUATION)
 
 

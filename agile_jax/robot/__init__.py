@@ -7,6 +7,7 @@ from agile_jax.robot.constants import FRONT, JOINT_NAMES, LEFT, LEG_NAMES
 from agile_jax.robot.settings import RobotSettings
 
 if TYPE_CHECKING:
+    from agile_jax.robot.collision import CollisionShapes, body_clearance, collision_shapes
     from agile_jax.robot.kinematics import (
         LinkPoses,
         composite_inertia,
@@ -49,11 +50,14 @@ __all__ = [
     "TOUCH_FLOOR_PREFIX",
     "TOUCH_OBSTACLE_PREFIX",
     "VISUAL_GROUP",
+    "CollisionShapes",
     "LinkPoses",
     "RobotModel",
     "RobotSettings",
     "RobotState",
+    "body_clearance",
     "build_mujoco_model",
+    "collision_shapes",
     "composite_inertia",
     "leg_forward_kinematics",
     "leg_inverse_kinematics",
@@ -67,6 +71,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
+        "collision": "CollisionShapes body_clearance collision_shapes",
         "kinematics": (
             "LinkPoses composite_inertia leg_forward_kinematics leg_inverse_kinematics leg_jacobian link_poses"
         ),

@@ -51,13 +51,14 @@ class MujocoPhysics:
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         self._rollout = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
 
-    def reset(self, qpos: np.ndarray) -> Sensed:
-        """Start every episode anew, at rest, from coordinates (n, 19)."""
-        self._state[:] = 0.0
-        self._qpos[:] = qpos
-        self._warmstart[:] = 0.0
-        self._obstacle_contact[:] = False
-        self._floor_contact[:] = False
+    def reset(self, qpos: np.ndarray, episodes: np.ndarray | None = None) -> Sensed:
+        """Start episodes, by default all, anew and at rest from coordinates (k, 19); `episodes` are k indices."""
+        chosen = slice(None) if episodes is None else episodes
+        self._state[chosen] = 0.0
+        self._qpos[chosen] = qpos
+        self._warmstart[chosen] = 0.0
+        self._obstacle_contact[chosen] = False
+        self._floor_contact[chosen] = False
         return self._sensed()
 
     def step(self, torques: np.ndarray, active: np.ndarray | None = None) -> Sensed:

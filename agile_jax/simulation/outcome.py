@@ -32,18 +32,32 @@ class Outcome(NamedTuple):
     time: jax.Array  # () [s]; the time of the end once it has ended
     time_limit: jax.Array  # () [s]
     inside_since: jax.Array  # () time at which the trunk entered the target's tolerance [s]; infinity outside it
-    min_clearance: jax.Array  # () of the torso's envelope [m]
+    min_clearance: jax.Array  # () of the robot's collision geometry [m]
+    min_envelope_clearance: jax.Array  # () of the torso's envelope, which the planner keeps clear [m]
     planar_error: jax.Array  # () distance to the target in the plane [m]
     velocity_error_sum: jax.Array  # () [m^2/s^2]
     saturated: jax.Array  # () joints at their torque limit, summed over steps
+    work: jax.Array  # () positive mechanical work of the joints [J]
+    distance: jax.Array  # () travelled in the plane [m]
     steps: jax.Array  # () int32
 
 
 def init_outcome(time_limit: jax.Array) -> Outcome:
     """An episode about to begin."""
-    zero = jnp.float32(0.0)
+    zero, infinity = jnp.float32(0.0), jnp.float32(jnp.inf)
     return Outcome(
-        jnp.int32(RUNNING), zero, time_limit, jnp.float32(jnp.inf), jnp.float32(jnp.inf), zero, zero, zero, jnp.int32(0)
+        status=jnp.int32(RUNNING),
+        time=zero,
+        time_limit=time_limit,
+        inside_since=infinity,
+        min_clearance=infinity,
+        min_envelope_clearance=infinity,
+        planar_error=zero,
+        velocity_error_sum=zero,
+        saturated=zero,
+        work=zero,
+        distance=zero,
+        steps=jnp.int32(0),
     )
 
 
@@ -54,7 +68,14 @@ def trunk_pose(sensed: Sensed) -> jax.Array:
 
 
 def update_outcome(
-    outcome: Outcome, sensed: Sensed, scene: Scene, reference_velocity: jax.Array, saturated: jax.Array, dt: float
+    outcome: Outcome,
+    sensed: Sensed,
+    scene: Scene,
+    nearest: jax.Array,
+    reference_velocity: jax.Array,
+    torque: jax.Array,
+    torque_limit: jax.Array,
+    dt: float,
 ) -> Outcome:
     """Judge one physics step. An episode that has ended does not change.
 
@@ -62,8 +83,10 @@ def update_outcome(
         outcome: so far.
         sensed: after the step.
         scene: target and obstacles.
+        nearest: () clearance of the robot's collision geometry [m].
         reference_velocity: of the trunk in the plane, shape (2,) [m/s].
-        saturated: () joints at their torque limit during the step.
+        torque: during the step, shape (12,) [Nm].
+        torque_limit: shape (12,) [Nm].
         dt: of the step [s].
     """
     finite = jnp.isfinite(sensed.qpos).all() & (jnp.abs(sensed.qvel) < LARGEST_SPEED).all()
@@ -90,10 +113,13 @@ def update_outcome(
         time=time,
         time_limit=outcome.time_limit,
         inside_since=inside_since,
-        min_clearance=jnp.minimum(outcome.min_clearance, clearance(scene, pose, jnp)),
+        min_clearance=jnp.minimum(outcome.min_clearance, nearest),
+        min_envelope_clearance=jnp.minimum(outcome.min_envelope_clearance, clearance(scene, pose, jnp)),
         planar_error=planar,
         velocity_error_sum=outcome.velocity_error_sum + jnp.sum((sensed.qvel[:2] - reference_velocity) ** 2),
-        saturated=outcome.saturated + saturated,
+        saturated=outcome.saturated + jnp.sum(jnp.abs(torque) >= torque_limit * 0.9999).astype(jnp.float32),
+        work=outcome.work + jnp.sum(jnp.maximum(torque * sensed.qvel[6:], 0.0)) * dt,
+        distance=outcome.distance + jnp.sqrt(jnp.sum(sensed.qvel[:2] ** 2)) * dt,
         steps=outcome.steps + 1,
     )
     running = outcome.status == RUNNING

@@ -1,4 +1,4 @@
-"""From the policy to the MPC's reference.
+"""From what is followed, a policy or a path, to the MPC's reference.
 
 The reference is a pose that follows the policy under the expert's acceleration limits, starting from the measured
 state and held within a leash of it: it can pull the robot (the position error of a robot that lags), but never run
@@ -15,8 +15,9 @@ from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
 from agile_jax.policy.tracker import track
 
-# The policy's: (parameters, pose (4,), velocity (4,), dt) -> wanted velocity after dt (4,).
-Command = Callable[[Any, jax.Array, jax.Array, float], jax.Array]
+# (parameters, path, pose (4,), velocity (4,), time (), dt) -> wanted velocity after dt (4,). A policy ignores path and
+# time; what follows a path ignores the parameters.
+Command = Callable[[Any, Any, jax.Array, jax.Array, jax.Array, float], jax.Array]
 
 
 class ReferenceState(NamedTuple):
@@ -26,18 +27,30 @@ class ReferenceState(NamedTuple):
     velocity: jax.Array  # (4,) [m/s, rad/s]
 
 
+def policy_command(command: Callable[[Any, jax.Array, jax.Array, float], jax.Array]) -> Command:
+    """The command of a policy: (parameters, pose, velocity, dt) -> wanted velocity after dt."""
+    return lambda parameters, path, pose, velocity, time, dt: command(parameters, pose, velocity, dt)
+
+
 def drive(
-    command: Command, parameters: Any, state: ReferenceState, acceleration_limit: jax.Array, dt: float
+    command: Command,
+    parameters: Any,
+    path: Any,
+    state: ReferenceState,
+    time: jax.Array,
+    acceleration_limit: jax.Array,
+    dt: float,
 ) -> ReferenceState:
-    """One step along the policy's command.
+    """One step along what is followed.
 
     Args:
-        command, parameters: the policy.
+        command, parameters, path: what to follow.
         state: pose and velocity.
+        time: () [s].
         acceleration_limit: per axis, shape (4,).
         dt: [s].
     """
-    wanted = command(parameters, state.pose, state.velocity, dt)
+    wanted = command(parameters, path, state.pose, state.velocity, time, dt)
     velocity = track(wanted, state.velocity, acceleration_limit, dt)
     return ReferenceState(state.pose + velocity * dt, velocity)
 
@@ -58,17 +71,20 @@ def hold_within_leash(state: ReferenceState, pose: jax.Array, settings: ControlS
 def plan_reference(
     command: Command,
     parameters: Any,
+    path: Any,
     state: ReferenceState,
     pose: jax.Array,
+    time: jax.Array,
     acceleration_limit: jax.Array,
     settings: ControlSettings,
 ) -> tuple[ReferenceState, Reference]:
     """Advance the reference by one planning step and preview it over the MPC's horizon.
 
     Args:
-        command, parameters: the policy.
+        command, parameters, path: what to follow.
         state: of the reference at the last plan.
         pose: measured [x, y, z, yaw] of the trunk, shape (4,) [m, rad].
+        time: () on the clock of the episode [s].
         acceleration_limit: per axis, shape (4,).
         settings: clocks and leash.
 
@@ -76,11 +92,12 @@ def plan_reference(
         The new state, and the reference of the horizon.
     """
     state = hold_within_leash(state, pose, settings)
-    now = drive(command, parameters, state, acceleration_limit, settings.plan_dt)
+    now = drive(command, parameters, path, state, time, acceleration_limit, settings.plan_dt)
 
-    def step(carry: ReferenceState, _: None) -> tuple[ReferenceState, ReferenceState]:
-        following = drive(command, parameters, carry, acceleration_limit, settings.mpc.mpc_dt)
+    def step(carry: ReferenceState, k: jax.Array) -> tuple[ReferenceState, ReferenceState]:
+        then = time + settings.plan_dt + k * settings.mpc.mpc_dt
+        following = drive(command, parameters, path, carry, then, acceleration_limit, settings.mpc.mpc_dt)
         return following, following
 
-    _, ahead = jax.lax.scan(step, now, None, length=settings.mpc.horizon)
+    _, ahead = jax.lax.scan(step, now, jnp.arange(settings.mpc.horizon, dtype=jnp.float32))
     return now, Reference(now.pose, now.velocity, ahead.pose, ahead.velocity)

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.control import ControllerState, ControlSettings, make_controller
-from agile_jax.robot import RobotModel, robot_state
+from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, robot_state
 from agile_jax.scene import Scene
 from agile_jax.simulation.outcome import Outcome, init_outcome, trunk_pose, update_outcome
 from agile_jax.simulation.reference import Command, ReferenceState, plan_reference
@@ -32,33 +32,37 @@ class ClosedLoop(NamedTuple):
     """Pure functions of one robot; vmap them."""
 
     init: Callable[[Sensed, jax.Array], Episode]  # (sensed, time_limit)
-    plan: Callable[[Any, Episode, Sensed], Episode]  # (policy parameters, episode, sensed)
+    plan: Callable[[Any, Any, Episode, Sensed], Episode]  # (policy parameters, path, episode, sensed)
     act: Callable[[Episode, Sensed], Episode]  # judges the last step, then sets the torque of the next
     control_dt: float  # [s]
     acts_per_plan: int
 
 
-class Trace(NamedTuple):
-    """One recorded episode at the rate of the MPC, K samples."""
+def resume_from(mask: jax.Array, fresh: Any, old: Any) -> Any:
+    """Batched states that are `fresh` where `mask`, shape (n,), is set, and `old` elsewhere."""
 
-    time: np.ndarray  # (K,) [s]
-    qpos: np.ndarray  # (K, 19)
-    qvel: np.ndarray  # (K, 18)
-    torque: np.ndarray  # (K, 12) [Nm]
-    reference: np.ndarray  # (K, 8) pose and velocity of the reference
-    clearance: np.ndarray  # (K,) of the torso's envelope [m]
+    def choose(new: jax.Array, before: jax.Array) -> jax.Array:
+        return jnp.where(mask.reshape(-1, *([1] * (new.ndim - 1))), new, before)
+
+    return jax.tree.map(choose, fresh, old)
 
 
 def make_closed_loop(
-    scene: Scene, robot: RobotModel, settings: ControlSettings, command: Command, acceleration_limit: np.ndarray
+    scene: Scene,
+    robot: RobotModel,
+    shapes: CollisionShapes,
+    settings: ControlSettings,
+    command: Command,
+    acceleration_limit: np.ndarray,
 ) -> ClosedLoop:
     """Compose the loop.
 
     Args:
         scene: target and obstacles, for the outcome only.
         robot: constants.
+        shapes: of the robot, for the outcome only.
         settings: of the controller.
-        command: of the policy.
+        command: what to follow: `policy_command` of a policy, or `path_command`.
         acceleration_limit: of the reference, shape (4,).
     """
     controller = make_controller(robot, settings)
@@ -69,19 +73,25 @@ def make_closed_loop(
         reference = ReferenceState(trunk_pose(sensed), jnp.zeros_like(limit))
         return Episode(controller.init(state), reference, init_outcome(time_limit), jnp.zeros(12))
 
-    def plan(parameters: Any, episode: Episode, sensed: Sensed) -> Episode:
+    def plan(parameters: Any, path: Any, episode: Episode, sensed: Sensed) -> Episode:
         state = robot_state(sensed.qpos, sensed.qvel)
         reference_state, reference = plan_reference(
-            command, parameters, episode.reference, trunk_pose(sensed), limit, settings
+            command, parameters, path, episode.reference, trunk_pose(sensed), episode.outcome.time, limit, settings
         )
         return episode._replace(
             controller=controller.plan(episode.controller, state, reference), reference=reference_state
         )
 
     def act(episode: Episode, sensed: Sensed) -> Episode:
-        saturated = jnp.sum(jnp.abs(episode.torque) >= robot.torque_limit * 0.9999).astype(jnp.float32)
         outcome = update_outcome(
-            episode.outcome, sensed, scene, episode.reference.velocity[:2], saturated, settings.control_dt
+            episode.outcome,
+            sensed,
+            scene,
+            body_clearance(robot, shapes, scene, sensed.qpos),
+            episode.reference.velocity[:2],
+            episode.torque,
+            jnp.asarray(robot.torque_limit, jnp.float32),
+            settings.control_dt,
         )
         state, torque = controller.act(episode.controller, robot_state(sensed.qpos, sensed.qvel))
         return episode._replace(controller=state, outcome=outcome, torque=torque)

@@ -8,17 +8,23 @@ import numpy as np
 import pytest
 
 from agile_jax.control import ControlSettings
-from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
+from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import Scene, SceneSettings, make_scene
 from agile_jax.simulation import (
     OUTCOME_NAMES,
+    MjxSlots,
     MujocoPhysics,
+    MujocoSlots,
+    Recorder,
     Rollout,
+    Trace,
     batch_loop,
+    gather,
     make_closed_loop,
     mjx_init,
-    mjx_runner,
-    run_mujoco,
+    mjx_loop,
+    policy_command,
+    stream,
 )
 
 CONTROL = ControlSettings()
@@ -51,15 +57,32 @@ def scene() -> Scene:
 
 @lru_cache
 def parts() -> tuple[Any, Any, Any]:
-    loop = make_closed_loop(scene(), ROBOT, CONTROL, straight_line, ACCELERATION)
-    return loop, batch_loop(loop), build_mujoco_model(scene(), RobotSettings(), CONTROL.control_dt)
+    model = build_mujoco_model(scene(), RobotSettings(), CONTROL.control_dt)
+    loop = make_closed_loop(
+        scene(), ROBOT, collision_shapes(model), CONTROL, policy_command(straight_line), ACCELERATION
+    )
+    return loop, batch_loop(loop), model
 
 
-def run(starts: np.ndarray, limits: np.ndarray, threads: int = 2, traced: int = 0) -> Rollout:
+def standing(starts: np.ndarray) -> np.ndarray:
+    return np.stack([standing_qpos(ROBOT, start) for start in starts])
+
+
+def run(
+    starts: np.ndarray, limits: np.ndarray, threads: int = 2, slots: int = 4, traced: int = 0
+) -> tuple[Rollout, list[Trace]]:
     _, compiled, model = parts()
-    qpos = np.stack([standing_qpos(ROBOT, start) for start in starts])
-    with MujocoPhysics(model, len(starts), threads) as physics:
-        return run_mujoco(compiled, physics, jnp.float32(1.0), qpos, limits, scene(), traced)
+    with MujocoPhysics(model, slots, threads) as physics:
+        running = MujocoSlots(compiled, physics, jnp.float32(1.0))
+        recorder = Recorder(running, traced)
+        rollout = gather(len(starts), stream(running, standing(starts), limits, recorder))
+    return rollout, recorder.traces(scene(), CONTROL.plan_dt)
+
+
+def assert_same(one: Rollout, other: Rollout) -> None:
+    for name, values in one.outcome._asdict().items():
+        np.testing.assert_array_equal(getattr(other.outcome, name), values, err_msg=name)
+    np.testing.assert_array_equal(one.plans, other.plans)
 
 
 def names(rollout: Rollout) -> list[str]:
@@ -67,8 +90,13 @@ def names(rollout: Rollout) -> list[str]:
 
 
 @pytest.fixture(scope="module")
-def reference() -> Rollout:
+def recorded() -> tuple[Rollout, list[Trace]]:
     return run(STARTS, LIMITS, traced=4)
+
+
+@pytest.fixture(scope="module")
+def reference(recorded: tuple[Rollout, list[Trace]]) -> Rollout:
+    return recorded[0]
 
 
 def test_each_outcome_is_recognised(reference: Rollout):
@@ -86,25 +114,49 @@ def test_timeout_ends_at_the_limit(reference: Rollout):
     assert reference.outcome.time[2] == pytest.approx(0.2, abs=0.003)
 
 
-def test_traces_end_with_their_episodes_and_hold_what_was_simulated(reference: Rollout):
-    for episode, trace in enumerate(reference.traces[:3]):
-        assert trace.time[-1] == pytest.approx(float(reference.outcome.time[episode]), abs=0.021)
+def test_traces_end_with_their_episodes_and_hold_what_was_simulated(recorded: tuple[Rollout, list[Trace]]):
+    rollout, traces = recorded
+    for episode, trace in enumerate(traces[:3]):
+        assert trace.time[-1] == pytest.approx(float(rollout.outcome.time[episode]), abs=0.021)
         assert trace.qpos.shape == (len(trace.time), 19)
         assert np.abs(trace.torque).max() <= 33.5 + 1e-4
-    collided = reference.traces[1]
+    collided = traces[1]
     assert collided.clearance[-1] < 0.1 < collided.clearance[0]
 
 
-def test_results_do_not_depend_on_threads(reference: Rollout):
-    other = run(STARTS, LIMITS, threads=1)
-    for name, values in reference.outcome._asdict().items():
-        np.testing.assert_array_equal(getattr(other.outcome, name), values, err_msg=name)
+def test_results_do_not_depend_on_threads_or_slots(reference: Rollout):
+    # More episodes than slots: each of the four appears three times, each time beside other neighbours.
+    order = np.array([3, 0, 1, 2, 2, 1, 0, 3, 0, 2, 3, 1])
+    rollout, _ = run(STARTS[order], LIMITS[order], threads=1)
+    assert_same(Rollout(*_select(reference, order)), rollout)
 
 
-def test_mjx_and_mujoco_agree_on_the_outcomes(reference: Rollout):
+def _select(rollout: Rollout, order: np.ndarray) -> tuple[Any, ...]:
+    outcome = type(rollout.outcome)(*(values[order] for values in rollout.outcome))
+    return outcome, rollout.mpc_failures[order], rollout.plans[order]
+
+
+@pytest.fixture(scope="module")
+def in_mjx() -> tuple[Rollout, list[Trace]]:
+    """Through two slots: two of the four begin when others have ended."""
     loop, _, model = parts()
-    qpos = np.stack([standing_qpos(ROBOT, start) for start in STARTS])
-    rollout = mjx_runner(loop, mjx_init(model))(jnp.float32(1.0), qpos, LIMITS)
+    slots = MjxSlots(mjx_loop(loop, mjx_init(model)), 2, jnp.float32(1.0))
+    recorder = Recorder(slots, 2)
+    rollout = gather(len(STARTS), stream(slots, standing(STARTS), LIMITS, recorder))
+    return rollout, recorder.traces(scene(), CONTROL.plan_dt)
+
+
+def test_mjx_and_mujoco_agree_on_the_outcomes(reference: Rollout, in_mjx: tuple[Rollout, list[Trace]]):
+    rollout, _ = in_mjx
     assert names(rollout) == names(reference)
     np.testing.assert_allclose(rollout.outcome.time[:3], reference.outcome.time[:3], atol=0.1)
     assert rollout.outcome.planar_error[0] == pytest.approx(float(reference.outcome.planar_error[0]), abs=0.03)
+
+
+def test_mjx_records_the_traces_that_mujoco_does(
+    recorded: tuple[Rollout, list[Trace]], in_mjx: tuple[Rollout, list[Trace]]
+):
+    for trace, other in zip(recorded[1][:2], in_mjx[1], strict=True):
+        count = min(len(trace.time), len(other.time), 10)  # they part later: contacts amplify rounding
+        np.testing.assert_allclose(other.qpos[:count, :3], trace.qpos[:count, :3], atol=5e-3)
+        assert other.time[-1] == pytest.approx(trace.time[-1], abs=0.1)

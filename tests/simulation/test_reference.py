@@ -6,6 +6,7 @@ import pytest
 
 from agile_jax.control import ControlSettings
 from agile_jax.policy.tracker import track
+from agile_jax.simulation.paths import Path, path_command
 from agile_jax.simulation.reference import ReferenceState, drive, hold_within_leash, plan_reference
 
 SETTINGS = ControlSettings()
@@ -13,7 +14,9 @@ LIMIT = jnp.array([1.5, 1.5, 1.0, 3.0])
 TARGET = jnp.array([1.0, 0.5, 0.28, 0.0])
 
 
-def towards_target(parameters: float, pose: jnp.ndarray, velocity: jnp.ndarray, dt: float) -> jnp.ndarray:
+def towards_target(
+    parameters: float, path: tuple[()], pose: jnp.ndarray, velocity: jnp.ndarray, time: jnp.ndarray, dt: float
+) -> jnp.ndarray:
     return parameters * (TARGET - pose - velocity * dt)
 
 
@@ -47,7 +50,7 @@ def test_reached_velocity_is_kept():
 def test_driving_along_a_linear_field_decays_exponentially():
     state = ReferenceState(TARGET + jnp.array([0.05, 0.0, 0.02, 0.0]), jnp.zeros(4))
     for _ in range(200):
-        state = drive(towards_target, 2.0, state, LIMIT, 0.02)
+        state = drive(towards_target, 2.0, (), state, jnp.float32(0.0), LIMIT, 0.02)
     np.testing.assert_allclose(state.pose, TARGET, atol=1e-3)
 
 
@@ -67,9 +70,28 @@ def test_leash_pulls_back_only_what_leads_too_far_and_wraps_yaw():
 
 def test_horizon_continues_the_state_that_is_kept():
     state = ReferenceState(jnp.array([0.0, 0.0, 0.28, 0.0]), jnp.zeros(4))
-    kept, reference = plan_reference(towards_target, 1.0, state, state.pose, LIMIT, SETTINGS)
+    kept, reference = plan_reference(towards_target, 1.0, (), state, state.pose, jnp.float32(0.0), LIMIT, SETTINGS)
     np.testing.assert_array_equal(reference.pose, kept.pose)
     assert reference.poses.shape == (SETTINGS.mpc.horizon, 4)
-    first = drive(towards_target, 1.0, kept, LIMIT, SETTINGS.mpc.mpc_dt)
+    first = drive(towards_target, 1.0, (), kept, jnp.float32(0.02), LIMIT, SETTINGS.mpc.mpc_dt)
     np.testing.assert_allclose(reference.poses[0], first.pose, atol=1e-6)
     assert (np.diff(np.array(reference.poses[:, 0])) > 0).all()
+
+
+def test_a_reference_that_follows_a_path_stays_on_it():
+    """A path within the acceleration limits: half a turn of a circle of radius 0.5 m in 3 s, from and to rest."""
+    times = jnp.linspace(0.0, 3.0, 151)
+    share = times / 3.0
+    angle = jnp.pi * (3 * share**2 - 2 * share**3)
+    poses = jnp.stack([0.5 - 0.5 * jnp.cos(angle), 0.5 * jnp.sin(angle), 0.28 + 0 * angle, 0 * angle], -1)
+    path = Path(times, poses, jnp.gradient(poses, times, axis=0), jnp.float32(0.5))
+    limit = jnp.array([3.0, 3.0, 1.0, 3.0])
+    state = ReferenceState(poses[0], jnp.zeros(4))
+    worst = 0.0
+    for k in range(200):
+        time = 0.02 * k
+        state = drive(path_command, (), path, state, jnp.float32(time), limit, 0.02)
+        expected = [float(jnp.interp(time + 0.02 - 0.5, times, poses[:, i])) for i in range(4)]
+        worst = max(worst, float(jnp.abs(state.pose - jnp.array(expected)).max()))
+    assert worst < 0.02
+    np.testing.assert_allclose(state.pose, poses[-1], atol=5e-3)

@@ -1,0 +1,179 @@
+"""`agile benchmark evaluation`: speed of the closed loop by backend and batch, and where the time goes.
+
+Every robot walks from a start of the experiment's distribution under the trained policy; everything that an evaluation
+does is in the time: policy, reference, MPC, feet, torques, physics, clearance, outcome. Compilation is not: each
+function has run before the clock starts. The parts of the C backend are timed one by one in the same run. Physics alone
+replays the recorded torques through one call of `mujoco.rollout`: what no controller in the loop can exceed. Of several
+repetitions the fastest counts, because other work on the machine can only slow it down.
+"""
+
+import os
+import pathlib
+import platform
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import mujoco
+import mujoco.rollout
+import numpy as np
+
+from agile_jax.benchmark.metrics import Metric, as_json, number, table
+from agile_jax.evaluation.backend import Inputs, make_backend
+from agile_jax.evaluation.stage import evaluation_starts
+from agile_jax.experiment import Experiment
+from agile_jax.progress import Progress, silent
+from agile_jax.robot import RobotSettings, build_mujoco_model
+from agile_jax.scene import make_scene
+from agile_jax.simulation import MjxSlots, MujocoPhysics, MujocoSlots
+from agile_jax.simulation.mujoco_slots import BatchLoop, as_float32
+
+METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
+SIMULATED = 1.0  # in one repetition [s]
+REPETITIONS = 3
+ENDLESS = 1e6  # time limit of the episodes [s]: none ends while the clock runs
+CPU_BATCHES = {"mujoco": (1, 16, 64, 256), "mjx": (1, 16, 64)}
+GPU_BATCHES = {"mujoco": (64, 256), "mjx": (64, 1024, 4096)}
+LOOP_TARGET = {"cpu": 15.0, "gpu": 600.0}  # simulated seconds per second of the best batch
+
+
+class Parts(NamedTuple):
+    """Wall time of the parts of the C backend's loop [s], for `SIMULATED` seconds of every robot."""
+
+    plan: float
+    act: float
+    physics: float
+    replay: float  # the same physics in one call of mujoco.rollout
+
+
+def benchmark_evaluation(
+    experiment: Experiment, run_dir: pathlib.Path, threads: int = 2, progress: Progress = silent
+) -> dict[str, Any]:
+    """Measure, and return what goes into the JSON file.
+
+    Args:
+        experiment: all settings.
+        run_dir: holds the policy under `training/`.
+        threads: of the C physics.
+        progress: called with (measured, all, note).
+    """
+    device = jax.devices()[0]
+    batches = CPU_BATCHES if device.platform == "cpu" else GPU_BATCHES
+    plan = [(backend, batch) for backend, sizes in batches.items() for batch in sizes]
+    metrics: list[Metric] = []
+    best: dict[str, float] = {}
+    for done, (backend, batch) in enumerate(plan):
+        progress(done, len(plan), f"{backend}, {batch} robots")
+        settings = experiment.evaluation.model_copy(update={"backend": backend, "episodes": batch, "planner": "policy"})
+        inputs = experiment.model_copy(update={"evaluation": settings})
+        speed, parts = _measure(inputs, run_dir, batch, threads)
+        best[backend] = max(best.get(backend, 0.0), speed)
+        metrics.append(
+            Metric(f"{backend}_{batch}_speed", speed, "s/s", "higher", "simulated seconds per second, all included")
+        )
+        if parts is not None:
+            metrics += _part_metrics(batch, parts)
+    target = LOOP_TARGET["cpu" if device.platform == "cpu" else "gpu"]
+    fastest = max(best.values())
+    metrics.append(Metric("best_speed", fastest, "s/s", "higher", "of the fastest backend and batch", target))
+    return {
+        "benchmark": "evaluation",
+        "experiment": experiment.name,
+        "method": METHOD,
+        "machine": {
+            "processor": platform.machine(),
+            "cores": os.cpu_count(),
+            "device": str(device.device_kind),
+            "threads": threads,
+        },
+        "software": {name: version(name) for name in ("agile_jax", "jax", "mujoco", "mujoco-mjx")},
+        "metrics": as_json(metrics),
+    }
+
+
+def report(result: dict[str, Any]) -> str:
+    """The numbers as a table, with the method."""
+    rows = [
+        (key, (number(metric["value"]), metric["unit"], metric["meaning"])) for key, metric in result["metrics"].items()
+    ]
+    return f"{table(('value', 'unit', 'meaning'), rows)}\n\n{result['method']}"
+
+
+def _measure(inputs: Inputs, run_dir: pathlib.Path, batch: int, threads: int) -> tuple[float, Parts | None]:
+    backend = make_backend(inputs, run_dir / "training", batch, threads)
+    qpos = backend.qpos(evaluation_starts(inputs))
+    slots, everyone, limits = backend.slots, np.arange(batch), np.full(batch, ENDLESS)
+    segment = backend.plan_dt if isinstance(slots, MujocoSlots) else backend.plan_dt * slots.plans_per_advance
+    advances = max(1, round(SIMULATED / segment))
+
+    def begin() -> None:
+        slots.begin(everyone, qpos, limits)
+
+    begin()
+    slots.advance()  # compiles
+    begin()
+    fastest = min(_seconds(lambda: [slots.advance() for _ in range(advances)]) for _ in range(REPETITIONS))
+    speed = batch * advances * segment / fastest
+    if isinstance(slots, MjxSlots):
+        return speed, None
+    return speed, _parts(inputs, slots, qpos, threads)
+
+
+def _parts(inputs: Inputs, slots: MujocoSlots, qpos: np.ndarray, threads: int) -> Parts:
+    """The loop of `MujocoSlots.advance` with a clock between its parts."""
+    loop: BatchLoop = slots.loop
+    physics: MujocoPhysics = slots.physics
+    plans = max(1, round(SIMULATED / (loop.acts_per_plan * inputs.control.control_dt)))
+    spent = {"plan": np.inf, "act": np.inf, "physics": np.inf}
+    torques = np.zeros((len(qpos), plans * loop.acts_per_plan, 12))
+    for _ in range(REPETITIONS):
+        now = dict.fromkeys(spent, 0.0)
+        sensed = physics.reset(qpos)
+        episodes = loop.first(as_float32(sensed), jnp.full(len(qpos), ENDLESS, jnp.float32))
+        for k in range(plans):
+            begun = time.perf_counter()
+            episodes = jax.block_until_ready(loop.plan(slots.parameters, (), episodes, as_float32(sensed)))
+            now["plan"] += time.perf_counter() - begun
+            for j in range(loop.acts_per_plan):
+                begun = time.perf_counter()
+                episodes = jax.block_until_ready(loop.act(episodes, as_float32(sensed)))
+                torque = np.asarray(episodes.torque, np.float64)
+                now["act"] += time.perf_counter() - begun
+                begun = time.perf_counter()
+                sensed = physics.step(torque)
+                now["physics"] += time.perf_counter() - begun
+                torques[:, k * loop.acts_per_plan + j] = torque
+        spent = {name: min(spent[name], now[name]) for name in spent}
+
+    model = build_mujoco_model(make_scene(inputs.scene), RobotSettings(), inputs.control.control_dt)
+    state = np.zeros((len(qpos), 1 + model.nq + model.nv))
+    state[:, 1 : 1 + model.nq] = qpos
+    data = [mujoco.MjData(model) for _ in range(min(threads, len(qpos)))]
+    with mujoco.rollout.Rollout(nthread=len(data) if len(data) > 1 else 0) as replay:
+        run = lambda: replay.rollout([model] * len(qpos), data, state, np.nan_to_num(torques))  # noqa: E731
+        fastest = min(_seconds(run) for _ in range(REPETITIONS))
+    return Parts(spent["plan"], spent["act"], spent["physics"], fastest)
+
+
+def _part_metrics(batch: int, parts: Parts) -> list[Metric]:
+    total = parts.plan + parts.act + parts.physics
+    share = {"plan": "policy, reference, MPC", "act": "feet, torques, clearance, outcome", "physics": "C MuJoCo"}
+    metrics = [
+        Metric(f"mujoco_{batch}_{name}_share", getattr(parts, name) / total, "", "", f"of the time: {what}")
+        for name, what in share.items()
+    ]
+    replayed = batch * SIMULATED / parts.replay
+    return [
+        *metrics,
+        Metric(f"mujoco_{batch}_physics_alone", replayed, "s/s", "higher", "mujoco.rollout with the same torques"),
+        Metric(f"mujoco_{batch}_of_physics_alone", parts.replay / total, "", "higher", "the loop's speed over that"),
+    ]
+
+
+def _seconds(work: Callable[[], Any]) -> float:
+    begun = time.perf_counter()
+    work()
+    return time.perf_counter() - begun

@@ -1,0 +1,66 @@
+"""The expert as a planner in the loop, to compare the policy with: open loop, or planning again and again."""
+
+import time
+
+import numpy as np
+
+from agile_jax.expert import ExpertSettings, make_expert, planning_margin
+from agile_jax.scene import POSE_SIZE, Scene, clearance
+from agile_jax.simulation import Path
+
+INSET = 1e-6  # [m, rad] a measured pose is moved into the bounds by this
+
+
+class ExpertPlanner:
+    """Paths of the CasADi expert, one for each slot.
+
+    The first is planned from rest; the next ones, every `interval`, from the measured pose with the best initial
+    velocity, as the policy's labels are. Where the expert finds no path (the robot may be nearer to an obstacle than
+    the margin), the last one is followed on; without any, the robot stays where it is.
+    """
+
+    def __init__(self, scene: Scene, settings: ExpertSettings, slots: int, interval: float | None) -> None:
+        """Args: scene, settings: of the expert; slots: n; interval: between two plans [s], None plans once."""
+        self._scene, self._settings, self._interval = scene, settings, interval
+        self._expert = make_expert(scene, settings)
+        nodes = settings.nodes + 1
+        self._paths = Path(
+            np.tile(np.arange(nodes, dtype=float), (slots, 1)),
+            np.zeros((slots, nodes, POSE_SIZE)),
+            np.zeros((slots, nodes, POSE_SIZE)),
+            np.zeros(slots),
+        )
+        self.solve_times: list[float] = []  # of every query [s]
+
+    @property
+    def paths(self) -> Path:
+        """The present path in each slot."""
+        return Path(*(np.asarray(values, np.float32) for values in self._paths))
+
+    def begin(self, slots: np.ndarray, poses: np.ndarray) -> None:
+        """Plan for new episodes from rest."""
+        for slot, pose in zip(slots, poses, strict=True):
+            self._paths.times[slot] = np.arange(self._paths.times.shape[1])
+            self._paths.poses[slot], self._paths.rates[slot], self._paths.begun[slot] = pose, 0.0, 0.0
+            self._plan(int(slot), pose, 0.0, "rest")
+
+    def advance(self, poses: np.ndarray, times: np.ndarray, active: np.ndarray) -> None:
+        """Plan again for those whose path is old enough."""
+        if self._interval is None:
+            return
+        due = active & (times - self._paths.begun >= self._interval - 1e-6) & np.isfinite(poses).all(-1)
+        for slot in np.flatnonzero(due):
+            self._plan(int(slot), poses[slot], float(times[slot]), "free")
+
+    def _plan(self, slot: int, pose: np.ndarray, now: float, initial_velocity: str) -> None:
+        pose = np.clip(pose, self._scene.lower + INSET, self._scene.upper - INSET)
+        begun = time.perf_counter()
+        if clearance(self._scene, pose) >= planning_margin(self._settings):
+            solution = self._expert.solve(pose, initial_velocity=initial_velocity)
+            if solution.status == "solved":
+                trajectory = solution.trajectory
+                self._paths.times[slot] = trajectory.times
+                self._paths.poses[slot] = trajectory.states[:, :POSE_SIZE]
+                self._paths.rates[slot] = trajectory.states[:, POSE_SIZE:]
+                self._paths.begun[slot] = now
+        self.solve_times.append(time.perf_counter() - begun)

@@ -1,0 +1,90 @@
+"""Many episodes through a fixed number of slots: as soon as one ends, the next begins in its place.
+
+No slot waits for the longest of its neighbours, memory does not grow with the number of episodes, and there is one
+compilation. Episodes do not know of each other: results depend neither on the number of slots nor on which one an
+episode gets.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import NamedTuple, Protocol
+
+import jax
+import numpy as np
+
+from agile_jax.simulation.outcome import RUNNING, Outcome
+
+
+class Rollout(NamedTuple):
+    """What n episodes ended with."""
+
+    outcome: Outcome  # leading axis n
+    mpc_failures: np.ndarray  # (n,) solutions above the tolerance
+    plans: np.ndarray  # (n,) solutions in all
+
+
+class Slots(Protocol):
+    """A batch of running episodes in some physics."""
+
+    @property
+    def count(self) -> int:
+        """How many episodes run at once."""
+
+    def begin(self, slots: np.ndarray, qpos: np.ndarray, time_limits: np.ndarray) -> None:
+        """Start new episodes in `slots`, shape (k,), from rest at qpos (k, nq), with time limits (k,) [s]."""
+
+    def advance(self) -> np.ndarray:
+        """Simulate a while; return the status of every slot, shape (count,). What has ended does not change."""
+
+    def read(self, slots: np.ndarray) -> Rollout:
+        """The results in `slots`, shape (k,)."""
+
+
+def stream(
+    slots: Slots,
+    qpos: np.ndarray,
+    time_limits: np.ndarray,
+    watch: Callable[[np.ndarray], None] | None = None,
+) -> Iterator[tuple[np.ndarray, Rollout]]:
+    """Run n episodes and yield them as they end.
+
+    Args:
+        slots: where they run.
+        qpos: initial configurations, shape (n, nq).
+        time_limits: shape (n,) [s].
+        watch: called after every advance with the episode in each slot, shape (count,), -1 where there is none.
+
+    Yields:
+        Indices, shape (k,), of the episodes that have just ended, and their results.
+    """
+    holds = np.full(slots.count, -1)
+    begun = 0
+    while True:
+        free = np.flatnonzero(holds < 0)[: len(qpos) - begun]
+        if len(free):
+            episodes = np.arange(begun, begun + len(free))
+            slots.begin(free, qpos[episodes], time_limits[episodes])
+            holds[free] = episodes
+            begun += len(free)
+        if (holds < 0).all():
+            return
+        status = slots.advance()
+        if watch is not None:
+            watch(holds)
+        ended = np.flatnonzero((holds >= 0) & (status != RUNNING))
+        if len(ended):
+            yield holds[ended], slots.read(ended)
+            holds[ended] = -1
+
+
+def gather(count: int, stream: Iterator[tuple[np.ndarray, Rollout]]) -> Rollout:
+    """All of a stream's `count` episodes in their order."""
+    order: list[int] = []
+    parts: list[Rollout] = []
+    for episodes, rollout in stream:
+        order += episodes.tolist()
+        parts.append(rollout)
+    position = np.argsort(order)
+    if len(order) != count:
+        raise ValueError(f"{len(order)} of {count} episodes ended")
+    whole: Rollout = jax.tree.map(lambda *values: np.concatenate(values)[position], *parts)
+    return whole

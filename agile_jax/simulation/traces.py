@@ -1,0 +1,64 @@
+"""Recording chosen episodes at the rate of the MPC, for figures and videos."""
+
+from collections import defaultdict
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from agile_jax.geometry import quaternion_to_rpy
+from agile_jax.scene import Scene, clearance
+
+Array = Any  # numpy.ndarray or jax.Array
+
+
+class Trace(NamedTuple):
+    """One recorded episode at the rate of the MPC, K samples."""
+
+    time: np.ndarray  # (K,) [s]
+    qpos: np.ndarray  # (K, 19)
+    qvel: np.ndarray  # (K, 18)
+    torque: np.ndarray  # (K, 12) [Nm]
+    reference: np.ndarray  # (K, 8) pose and velocity of the reference
+    clearance: np.ndarray  # (K,) of the torso's envelope [m]
+
+
+class Sample(NamedTuple):
+    """One robot before the next plan."""
+
+    qpos: Array
+    qvel: Array
+    torque: Array
+    reference: Array  # pose and velocity
+
+
+class Sampled(Protocol):
+    """Slots that can be looked into."""
+
+    def samples(self, slot: int) -> list[Sample]:
+        """One for each plan of the last advance that the episode in the slot was running for."""
+
+
+class Recorder:
+    """Collects the samples of the first episodes of a stream; pass it as `watch`."""
+
+    def __init__(self, slots: Sampled, episodes: int) -> None:
+        self._slots, self._episodes = slots, episodes
+        self._samples: dict[int, list[Sample]] = defaultdict(list)
+
+    def __call__(self, holds: np.ndarray) -> None:
+        """Take the samples of the recorded episodes; `holds` is the episode of each slot."""
+        for slot in np.flatnonzero((holds >= 0) & (holds < self._episodes)):
+            self._samples[int(holds[slot])].extend(self._slots.samples(int(slot)))
+
+    def traces(self, scene: Scene, plan_dt: float) -> list[Trace]:
+        """The traces in the order of the episodes, with the clearance of the torso's envelope in `scene`."""
+        return [_trace(self._samples[episode], scene, plan_dt) for episode in sorted(self._samples)]
+
+
+def _trace(samples: list[Sample], scene: Scene, plan_dt: float) -> Trace:
+    qpos, qvel, torque, reference = (
+        np.stack([getattr(sample, name) for sample in samples]) for name in ("qpos", "qvel", "torque", "reference")
+    )
+    poses = np.concatenate([qpos[:, :3], quaternion_to_rpy(qpos[:, 3:7])[:, 2:]], -1)
+    time = plan_dt * np.arange(1, len(samples) + 1)
+    return Trace(time, qpos, qvel, torque, reference, np.asarray(clearance(scene, poses)))
