@@ -10,9 +10,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.geometry import wrap_angle
-from agile_jax.scene import POSE_NAMES, Scene, obstacle_clearances
-
-YAW = POSE_NAMES.index("yaw")
+from agile_jax.policy.planes import FACES, YAW, separating_planes
+from agile_jax.scene import Scene
 
 
 def pose_error(pose: jax.Array, target: jax.Array) -> jax.Array:
@@ -34,27 +33,17 @@ def face_distances(scene: Scene, pose: jax.Array) -> jax.Array:
     Returns:
         Shape (n, 6): along the obstacle's own +x, -x, +y, -y, +z, -z.
     """
-    yaw = pose[YAW] - scene.obstacle_yaws  # (n,)
-    c, s = jnp.abs(jnp.cos(yaw)), jnp.abs(jnp.sin(yaw))
-    half = scene.torso_half_size
-    reach = jnp.stack([c * half[0] + s * half[1], s * half[0] + c * half[1], jnp.full_like(c, half[2])], -1)  # (n, 3)
-    offset = pose[:3] - scene.obstacle_centers
-    cos, sin = np.cos(scene.obstacle_yaws), np.sin(scene.obstacle_yaws)
-    local = jnp.stack(
-        [cos * offset[:, 0] + sin * offset[:, 1], -sin * offset[:, 0] + cos * offset[:, 1], offset[:, 2]], -1
-    )
-    inflated = scene.obstacle_half_sizes + reach
-    return jnp.stack([local - inflated, -local - inflated], -1).reshape(-1, 6)
+    count = len(scene.obstacle_centers)
+    return jnp.stack([separating_planes(scene, pose, i).distance[:FACES] for i in range(count)])
 
 
 def wall_features(scene: Scene, pose: jax.Array, length: float) -> jax.Array:
-    """tanh(distance / length) of the six faces and of the exact clearance of each obstacle. Shape (7 n,)."""
-    distances = jnp.concatenate([face_distances(scene, pose), obstacle_clearances(scene, pose, jnp)[:, None]], -1)
-    return jnp.tanh(distances / length).reshape(-1)
+    """tanh(distance / length) of the six faces of each obstacle. Shape (6 n,)."""
+    return jnp.tanh(face_distances(scene, pose) / length).reshape(-1)
 
 
 def features(scene: Scene, pose: jax.Array, wall_length: float | None) -> jax.Array:
-    """The error to the target, and the wall features when `wall_length` [m] is given. Shape (4,) or (4 + 7 n,)."""
+    """The error to the target, and the wall features when `wall_length` [m] is given. Shape (4,) or (4 + 6 n,)."""
     error = pose_error(pose, jnp.asarray(scene.target))
     if wall_length is None or len(scene.obstacle_centers) == 0:
         return error

@@ -40,7 +40,7 @@ def make_feedback(
     wall_length = settings.wall_length if settings.wall_features else None
 
     def encode(state: jax.Array) -> Encoding:
-        state = jnp.asarray(state, jnp.float32)
+        state = jnp.asarray(state)
         pose, velocity = state[:POSE_SIZE], state[POSE_SIZE:]
         law = braking_law(pose_error(pose, jnp.asarray(scene.target)), limit, acceleration, settings.approach_rate)
         base = jnp.clip((law.velocity - velocity) / settings.blend_time, -acceleration, acceleration)
@@ -65,7 +65,7 @@ def make_feedback(
         return result
 
     def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:
-        pose = jnp.asarray(pose, jnp.float32)
+        pose = jnp.asarray(pose)
         return command(parameters, pose, jnp.zeros(POSE_SIZE), 1.0)
 
     return Policy(network.init, velocity, command, "acceleration", encode, law, network.fit)

@@ -112,7 +112,7 @@ def make_field(
     wall_length = settings.wall_length if settings.wall_features else None
 
     def encode(pose: jax.Array) -> Encoding:
-        pose = jnp.asarray(pose, jnp.float32)
+        pose = jnp.asarray(pose)
         if not residual:
             return Encoding(pose, jnp.zeros(POSE_SIZE), jnp.ones(1))
         law = braking_law(pose_error(pose, jnp.asarray(scene.target)), limit, acceleration, settings.approach_rate)
@@ -129,7 +129,7 @@ def make_field(
         return encoding.base + encoding.gain * parameters.normalization.scale * output
 
     def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:
-        pose = jnp.asarray(pose, jnp.float32)
+        pose = jnp.asarray(pose)
         result = within_limits(field(parameters, encode(pose)), limit)
         if residual and settings.field_filter:
             result = brake_before_obstacles(scene, pose, result, acceleration, settings.filter_margin)

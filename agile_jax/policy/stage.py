@@ -1,5 +1,6 @@
 """The training stage: from a dataset to a policy, its errors, and what it does in closed loop."""
 
+import io
 import pathlib
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -13,7 +14,7 @@ import numpy as np
 from agile_jax.dataset import Dataset, DatasetSettings, Split, ask, samples, split_mask
 from agile_jax.engine import Engine, open_engine
 from agile_jax.expert import ExpertSettings
-from agile_jax.files import write_json
+from agile_jax.files import write_atomic, write_json
 from agile_jax.policy.dagger import fit_rounds, make_query
 from agile_jax.policy.epochs import encode_samples, mean_squared_error
 from agile_jax.policy.field import Policy
@@ -28,6 +29,7 @@ from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
 
 OpenEngine = Callable[[], AbstractContextManager[Engine]]
 
+SHOWN_ERRORS = 20_000
 FOLLOW_MARGIN = 4.0  # seconds beyond twice the longest label
 
 
@@ -113,6 +115,7 @@ def train(
     progress(0, 0, "training: noise floor")
     floor = dataset_noise_floor(policy, parameters, dataset, dataset_settings)
     test_mse = float(mean_squared_error(policy, parameters, encode_samples(policy, *test)))
+    save_test_errors(policy, parameters, test, directory / "test_errors.npz")
     summary = {
         "train_mse": fitted.train_mse,
         "validation_mse": fitted.validation_mse,
@@ -133,6 +136,18 @@ def train(
     }
     write_json(directory / "summary.json", summary)
     return summary
+
+
+def save_test_errors(policy: Policy, parameters: PolicyParameters, test: Labels, path: pathlib.Path) -> None:
+    """Write poses (m, 4) and mean squared errors (m,) of at most SHOWN_ERRORS samples, spread evenly."""
+    inputs, wanted = (array[:: -(-len(test[0]) // SHOWN_ERRORS)] for array in test)
+    found = jax.jit(jax.vmap(lambda given: policy.field(parameters, policy.encode(given))))(
+        jnp.asarray(inputs, jnp.float32)
+    )
+    buffer = io.BytesIO()
+    error = ((np.asarray(found) - wanted) ** 2).mean(-1)
+    np.savez(buffer, allow_pickle=False, pose=inputs[:, :POSE_SIZE], error=error)
+    write_atomic(path, buffer.getvalue())
 
 
 def labels(policy: Policy, dataset: Dataset, split: Split, settings: DatasetSettings) -> Labels:

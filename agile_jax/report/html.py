@@ -50,6 +50,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
     learning = guarded(lambda: sections.training_table(training))
     learning += guarded(lambda: run_figures.learning_curve(run_dir, floor if isinstance(floor, float) else None))
     learning += guarded(lambda: run_figures.velocity_field(run_dir, experiment))
+    learning += guarded(lambda: run_figures.closed_loop(run_dir, experiment))
     results, pictures, records = [], "", {}
     for number, backend in enumerate(backends):
         progress(2 + number, total, f"episodes of {backend}")

@@ -1,4 +1,4 @@
-"""Figures of the learned field: error by epoch, and streamlines seen from above."""
+"""Figures of the learned field: error by epoch, and streamlines seen from above and from the side."""
 
 import json
 import pathlib
@@ -105,6 +105,36 @@ def draw_velocity_field(
         bar = figure.colorbar(lines.lines, ax=list(panels), shrink=0.7)
         bar.set_label("speed in the plane [m/s]", fontsize=9)
         bar.ax.tick_params(labelsize=8)
+    return save(figure, path)
+
+
+def draw_velocity_field_side(
+    scene: Scene, velocity: Callable[[np.ndarray], np.ndarray], path: pathlib.Path
+) -> pathlib.Path:
+    """Streamlines of the field in the vertical plane through the target along x, at the target's yaw.
+
+    Args:
+        scene: obstacles, target and bounds; nothing is drawn where the torso would touch an obstacle.
+        velocity: maps poses (n, 4) to velocities (n, 4) [m/s, rad/s].
+        path: of the PNG.
+    """
+    low, high = max(min(-0.8, scene.target[0] - 0.6), scene.lower[0]), min(scene.target[0] + 0.6, scene.upper[0])
+    x, z = np.linspace(low, high, 121), np.linspace(scene.lower[2], scene.upper[2], 41)
+    poses = np.tile(scene.target, (len(z), len(x), 1))
+    poses[..., 0], poses[..., 2] = np.meshgrid(x, z)
+    field = np.asarray(velocity(poses.reshape(-1, POSE_SIZE))).reshape(poses.shape)
+    field = np.where((clearance(scene, poses) < 0)[..., None], np.nan, field)
+    figure = new_figure(7.4, 2.9)
+    axes = dress(figure.add_subplot(), "x [m]", "height of the torso's centre [m]")
+    speed = np.hypot(field[..., 0], field[..., 2])
+    look = {"cmap": "viridis", "density": (1.6, 0.8), "linewidth": 0.9, "arrowsize": 0.8}
+    lines = axes.streamplot(x, z, field[..., 0], field[..., 2], color=speed, **look)
+    draw_target(axes, scene, "side")
+    axes.set_xlim(low, high)
+    axes.set_ylim(z[0], z[-1])
+    bar = figure.colorbar(lines.lines, ax=axes)
+    bar.set_label("speed [m/s]", fontsize=9)
+    bar.ax.tick_params(labelsize=8)
     return save(figure, path)
 
 

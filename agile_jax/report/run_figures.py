@@ -15,8 +15,14 @@ from agile_jax.expert import ExpertSettings, Trajectory, make_expert, planning_m
 from agile_jax.files import write_atomic
 from agile_jax.report import page
 from agile_jax.report.camera import film, join, snapshots
+from agile_jax.report.closed_loop_figures import draw_arrivals, draw_error_map, draw_worst_paths, read_closed_loop
 from agile_jax.report.episode_figures import draw_episode, draw_outcomes
-from agile_jax.report.learning_figures import draw_learning_curve, draw_velocity_field, read_metrics
+from agile_jax.report.learning_figures import (
+    draw_learning_curve,
+    draw_velocity_field,
+    draw_velocity_field_side,
+    read_metrics,
+)
 from agile_jax.report.plan_figures import draw_plan
 from agile_jax.report.settings import ReportSettings
 from agile_jax.report.traces import Episode, choose_episode, load_episodes, load_outcomes, went_under
@@ -90,8 +96,12 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
 
 def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
     """Error by epoch."""
-    metrics = run_dir / "training" / "metrics.jsonl"
-    rows = read_metrics(metrics) if metrics.is_file() else []
+    directory = run_dir / "training"
+    rounds = sorted(directory.glob("round-*/metrics.jsonl"), key=lambda path: int(path.parent.name.partition("-")[2]))
+    rows = []
+    for metrics in [*rounds, directory / "metrics.jsonl"]:
+        found = read_metrics(metrics) if metrics.is_file() else []
+        rows += [row | {"epoch": row.get("epoch", 0) + len(rows)} for row in found]
     if not rows:
         return page.paragraph("There is no learning curve: training/metrics.jsonl holds no epoch yet.")
     path = draw_learning_curve(rows, noise_floor, run_dir / "figures" / "learning_curve.png")
@@ -106,25 +116,50 @@ def velocity_field(run_dir: pathlib.Path, inputs: Inputs) -> str:
     directory = run_dir / "training"
     if not (directory / "checkpoints").is_dir():
         return ""
-    import jax  # here, because no other part of the report needs it
-
-    from agile_jax.policy import load_parameters, make_policy
+    from agile_jax.policy import load_parameters, make_policy, make_velocities  # they load JAX
 
     scene = make_scene(inputs.scene)
     policy = make_policy(scene, np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration), inputs.policy)
-    parameters = load_parameters(directory, policy)
-    batched = jax.jit(jax.vmap(policy.velocity, (None, 0)))
+    velocities = make_velocities(policy, load_parameters(directory, policy))
     heights = {f"at the target's height, {scene.target[2]:.2f} m": float(scene.target[2])}
     crawl = crawl_height(scene, planning_margin(inputs.expert))
     if crawl is not None:
         heights[f"at the height of crawling, {crawl:.2f} m"] = crawl
     path = run_dir / "figures" / "velocity_field.png"
-    draw_velocity_field(scene, lambda poses: np.asarray(batched(parameters, poses)), heights, path)
-    return page.picture(
+    draw_velocity_field(scene, velocities, heights, path)
+    what = "acceleration from rest" if policy.learns == "acceleration" else "velocity field"
+    above = page.picture(
         path,
-        "The learned velocity field from above, at the target's yaw. Nothing is drawn where the torso would touch the "
+        f"The learned {what} from above, at the target's yaw. Nothing is drawn where the torso would touch the "
         "obstacle.",
     )
+    path = draw_velocity_field_side(scene, velocities, run_dir / "figures" / "velocity_field_side.png")
+    return above + page.picture(
+        path, "The same from the side, in the plane of the target: how it ducks, and rises again."
+    )
+
+
+def closed_loop(run_dir: pathlib.Path, inputs: Inputs) -> str:
+    """Where the field errs, and how its closed loop ends from held-out starts."""
+    scene, figures, directory = make_scene(inputs.scene), run_dir / "figures", run_dir / "training"
+    html = ""
+    if (directory / "test_errors.npz").is_file():
+        with np.load(directory / "test_errors.npz", allow_pickle=False) as file:
+            path = draw_error_map(scene, file["pose"], file["error"], figures / "error_map.png")
+        html += page.picture(path, "Error on held-out trajectories by place, from above and from the side.")
+    if (directory / "closed_loop.npz").is_file():
+        loops = read_closed_loop(directory / "closed_loop.npz")
+        path = draw_arrivals(scene, loops, figures / "arrivals.png")
+        html += page.picture(
+            path,
+            f"A kinematic robot follows the policy from {len(loops.start)} starts that no training has seen: arrival "
+            "time over the expert's from the same start, and how many failed.",
+        )
+        path = draw_worst_paths(scene, loops, figures / "worst_paths.png")
+        html += page.picture(
+            path, "The worst of them: those that failed, came nearest to an obstacle, or arrived latest."
+        )
+    return html
 
 
 def crawl_height(scene: Scene, margin: float) -> float | None:

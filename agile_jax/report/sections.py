@@ -29,6 +29,17 @@ _TRAINING = {
     "validation_mse": ("validation error", _MSE),
     "test_mse": ("test error", _MSE),
     "noise_floor_mse": ("noise floor of the labels", _MSE),
+    "noise_floor_share": ("its share in what neighbours differ by: above 0.5 it is meaningful", ""),
+    "field_starts": ("kinematic closed loop: starts that no training has seen", ""),
+    "field_arrived_rate": ("of these, arrived", ""),
+    "field_collision_rate": ("collided", ""),
+    "field_stall_rate": ("stalled", ""),
+    "field_timeout_rate": ("out of time", ""),
+    "field_final_error_m_max": ("largest distance to the target at the end", "m"),
+    "field_time_ratio_median": ("arrival time over the expert's, median", ""),
+    "field_time_ratio_p95": ("arrival time over the expert's, 95th percentile", ""),
+    "field_min_clearance_m": ("least clearance", "m"),
+    "dagger_asked": ("poses asked about in rounds of aggregation", ""),
     "epochs": ("epochs", ""),
     "parameters": ("parameters", ""),
     "seconds": ("training time", "s"),
@@ -125,7 +136,12 @@ def training_table(summary: dict[str, Any] | None) -> str:
     if isinstance(error, int | float) and isinstance(floor, int | float) and floor > 0:
         words = paragraph(
             f"The validation error is {error / floor:.2g} times the noise floor, which is how much the labels of "
-            "neighbouring poses differ."
+            "neighbouring poses differ. "
+            + (
+                "The floor is uncertain, most likely too high: labels are far apart, or change their route in between."
+                if isinstance(share := summary.get("noise_floor_share"), int | float) and share < 0.5
+                else ""
+            )
         )
     return words + _named(summary, _TRAINING)
 

@@ -8,8 +8,9 @@ from agile_jax.policy import PolicySettings, braking_law, follow, make_policy, p
 from agile_jax.policy.braking import rest_to_rest_time
 from agile_jax.policy.closed_loop import COLLIDED
 from agile_jax.policy.features import face_distances
+from agile_jax.policy.planes import separating_planes
 from agile_jax.policy.speed_limit import brake_before_obstacles
-from agile_jax.scene import clearance, obstacle_clearances
+from agile_jax.scene import BoxSettings, SceneSettings, TableSettings, clearance, make_scene, obstacle_clearances
 
 PAPER_LAYERS = (256, 1024, 1024, 1024, 1024, 256)
 
@@ -77,6 +78,49 @@ def test_touching_means_all_faces_negative_without_a_turn():
     clear_cut = np.abs(signed) > 1e-5
     assert ((faces.max(-1) < 0) == (signed < 0))[clear_cut].all()
     assert (signed < 0).any()
+
+
+def turned_scene():
+    """A table and a box, both turned."""
+    table = TableSettings(kind="table", position=(1.5, 0.0), size=(0.5, 1.0), underside=0.25, yaw=0.3)
+    box = BoxSettings(kind="box", position=(0.4, 1.2, 0.15), size=(0.6, 0.2, 0.3), yaw=-0.8)
+    return make_scene(SceneSettings(obstacles=(table, box)))
+
+
+@pytest.mark.parametrize("number", [0, 1])
+def test_the_ten_planes_part_the_torso_from_an_obstacle_exactly_where_they_do_not_touch(number):
+    scene = turned_scene()
+    poses = np.random.default_rng(number).uniform([-0.2, -0.9, 0.155, -3], [2.2, 1.9, 0.5, 3], (20000, 4))
+    planes = jax.jit(jax.vmap(lambda pose: separating_planes(scene, pose, number)))(jnp.asarray(poses))
+    best, exact = np.asarray(planes.distance).max(-1), obstacle_clearances(scene, poses)[:, number]
+    sure = np.abs(exact) > 1e-5
+    np.testing.assert_array_equal((best > 0)[sure], (exact > 0)[sure])
+    assert (exact < 0).sum() > 500
+    assert (best <= exact + 1e-5)[exact > 0].all()  # no plane promises more than there is
+
+
+def test_gradients_of_the_planes_equal_finite_differences():
+    scene, step = turned_scene(), 1e-2
+    poses = np.random.default_rng(0).uniform([0, -1, 0.155, -3], [2, 1.5, 0.3, 3], (300, 4))
+    of = jax.jit(jax.vmap(lambda pose: separating_planes(scene, pose, 1)))
+    here = of(jnp.asarray(poses))
+    for axis, name in enumerate(("x", "y", "z", "yaw")):
+        change = step * np.eye(4)[axis]
+        ahead, behind = (of(jnp.asarray(poses + sign * change)).distance for sign in (1, -1))
+        error = np.abs(np.asarray(getattr(here, name)) - np.asarray(ahead - behind) / (2 * step))
+        assert np.quantile(error, 0.95) < 1e-3  # the sizes have kinks where a side of one is along a side of the other
+
+
+def test_filter_lets_pass_what_ducks_under_the_edge_and_not_what_would_hit_it():
+    scene = table_scene()
+    filtered = jax.jit(lambda p, v: brake_before_obstacles(scene, p, v, jnp.asarray(ACCELERATION), 0.01))
+    top = 0.25 - scene.torso_half_size[2] - 0.01  # of the torso's centre under the table with the margin
+    pose = np.array([1.25 - scene.torso_half_size[0] - 0.01 - 0.1, 0.0, top + 0.02, 0.0])  # 0.1 m ahead, 2 cm to duck
+    ducks, hits = np.array([0.8, 0.0, -0.17, 0.0]), np.array([0.8, 0.0, -0.1, 0.0])
+    np.testing.assert_allclose(filtered(pose, ducks), ducks, atol=1e-6)
+    after = np.asarray(filtered(pose, hits))
+    assert after[2] / after[0] == pytest.approx(-0.2, rel=1e-3)  # straight at the edge
+    assert after[2] < hits[2]
 
 
 @pytest.mark.parametrize(("kind", "field_filter"), [("plain", False), ("residual", False), ("residual", True)])

@@ -10,8 +10,14 @@ from PIL import Image
 
 from agile_jax.expert import Trajectory
 from agile_jax.report import draw_plan
+from agile_jax.report.closed_loop_figures import draw_arrivals, draw_error_map, draw_worst_paths, read_closed_loop
 from agile_jax.report.episode_figures import draw_episode, draw_outcomes
-from agile_jax.report.learning_figures import draw_learning_curve, draw_velocity_field, read_metrics
+from agile_jax.report.learning_figures import (
+    draw_learning_curve,
+    draw_velocity_field,
+    draw_velocity_field_side,
+    read_metrics,
+)
 from agile_jax.report.scene_drawing import box_outline
 from agile_jax.report.style import BLUE, GREEN, RED
 from agile_jax.report.traces import Episode, Outcomes, below_obstacle
@@ -112,6 +118,42 @@ def test_velocity_field_is_not_drawn_inside_the_obstacle(tmp_path, scene):
     path = draw_velocity_field(scene, velocity, {"nominal": 0.28, "crawl": 0.16}, tmp_path / "field.png")
     assert_shows_something(path)
     assert {float(z) for poses in seen for z in poses[:, 2]} == {0.28, 0.16}
+
+
+def test_velocity_field_from_the_side_covers_the_plane_of_the_target(tmp_path, scene):
+    seen = []
+
+    def velocity(poses):
+        seen.append(poses.copy())
+        return np.tile([0.5, 0.1, 0.05, 0.0], (len(poses), 1))
+
+    assert_shows_something(draw_velocity_field_side(scene, velocity, tmp_path / "side.png"))
+    (poses,) = seen
+    assert (poses[:, [1, 3]] == scene.target[[1, 3]]).all()
+    assert poses[:, 2].min() == scene.lower[2]
+    assert poses[:, 2].max() == scene.upper[2]
+
+
+def test_closed_loop_figures_show_failures_and_worst_paths(tmp_path, scene):
+    generator = np.random.default_rng(0)
+    starts = generator.uniform([-0.5, -1, 0.2, -0.1], [0.5, 1, 0.3, 0.1], (60, 4))
+    arrival = np.append(np.full(58, 3.1), [np.inf, np.inf])
+    columns = {
+        "start": starts,
+        "expert_time": np.append(np.full(59, 3.0), np.nan),
+        "arrival_time": arrival,
+        "outcome": np.append(np.zeros(58, np.int8), [1, 3]).astype(np.int8),
+        "min_clearance": generator.random(60),
+        "worst": np.array([58, 59, 3]),
+        "worst_poses": starts[[58, 59, 3], None] + generator.random((3, 50, 4)).cumsum(1) * 0.02,
+    }
+    np.savez(tmp_path / "closed_loop.npz", **columns)
+    loops = read_closed_loop(tmp_path / "closed_loop.npz")
+    np.testing.assert_allclose(loops.ratio[:58], 3.1 / 3)
+    assert_shows_something(draw_arrivals(scene, loops, tmp_path / "arrivals.png"))
+    assert_shows_something(draw_worst_paths(scene, loops, tmp_path / "worst.png"))
+    errors = generator.random(60) * 1e-3
+    assert_shows_something(draw_error_map(scene, starts, errors, tmp_path / "errors.png"))
 
 
 def test_the_underside_is_known_where_the_table_is():
