@@ -7,6 +7,7 @@ it. A step whose files disagree with it, or that has none because the process wa
 """
 
 import json
+import os
 import pathlib
 import re
 import shutil
@@ -47,6 +48,7 @@ def save_checkpoint(folder: pathlib.Path, checkpoint: Checkpoint, identity: dict
         OSError: the disk is full or cannot be written; the steps before are whole.
     """
     path = folder / str(checkpoint.step)
+    _remove_unfinished(folder)
     try:
         with _manager(folder, keep) as manager:
             manager.save(
@@ -60,13 +62,12 @@ def save_checkpoint(folder: pathlib.Path, checkpoint: Checkpoint, identity: dict
             manager.wait_until_finished()
         content = {"files": _hashes(path), "identity": identity, "shapes": _shapes(checkpoint.policy)}
         write_json(path / INTEGRITY, content | {"sha256": hash_json(content)})
-    except OSError:
-        raise
-    except ValueError as error:  # Orbax's and TensorStore's word for a failed write, with a long text
-        reason = re.search(r"\[OS error \d+: ([^\]]+)\]|(No space left[^,\]\n]*)", str(error))
-        if reason is None:
+    except ValueError as error:  # Orbax's word for a failed write: a page of text with the system's error code in it
+        code = re.search(r"os_error_code='(\d+)'", str(error))
+        if code is None:
             raise
-        raise OSError(f"{path}: the checkpoint could not be written: {reason[1] or reason[2]}") from error
+        _remove_unfinished(folder)
+        raise OSError(int(code[1]), f"{os.strerror(int(code[1]))}, saving a checkpoint", str(path)) from error
 
 
 def restore_checkpoint(
@@ -144,6 +145,12 @@ def _manager(folder: pathlib.Path, keep: int | None) -> Iterator[ocp.CheckpointM
     options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False, create=True)
     with ocp.CheckpointManager(folder.absolute(), options=options) as manager:
         yield manager
+
+
+def _remove_unfinished(folder: pathlib.Path) -> None:
+    """Delete what a kill or a full disk has left of a step that Orbax had not yet committed."""
+    for path in folder.glob("*.orbax-checkpoint-tmp*"):
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _hashes(path: pathlib.Path) -> dict[str, str]:

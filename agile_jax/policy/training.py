@@ -87,7 +87,7 @@ def fit_policy(
             "lower it or generate more trajectories"
         )
     fixed = settings.model_dump(mode="json", exclude=NO_PART_OF_THE_RESULT)
-    identity = identity | {"training": fixed, "seed": seed}
+    identity = identity | {"training": fixed, "seed": seed, "unit": np.asarray(unit, float).tolist()}
     folder = directory / "checkpoints"
     state, keys, samples, held_out = _prepare(policy, training, validation, settings, seed, unit)
     kept = jax.tree.map(jnp.copy, state.parameters) if settings.select == "best" else None  # an epoch eats its state
