@@ -1,24 +1,22 @@
 """The training stage: from a dataset to a policy, its errors, and what it does in closed loop."""
 
 import pathlib
-from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.dataset import Dataset, DatasetSettings, labels, samples, split_mask
+from agile_jax.dataset import Dataset, DatasetSettings, samples, split_mask
 from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_json
 from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, STALLED, Followed, follow
-from agile_jax.policy.epochs import SI, encode_samples, mean_squared_error
 from agile_jax.policy.field import Policy, make_policy
 from agile_jax.policy.gamma_test import noise_floor
 from agile_jax.policy.network import PolicyParameters, parameter_count
 from agile_jax.policy.settings import PolicySettings, TrainingSettings
-from agile_jax.policy.training import check_labels, fit_policy
-from agile_jax.policy.units import LabelledSplits, labelled_splits
+from agile_jax.policy.training import check_labels, fit_policy, of_seed
+from agile_jax.policy.units import error_on, errors_in_own_units, make_units
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import POSE_SIZE, Scene
 from agile_jax.settings import BadInput
@@ -64,8 +62,11 @@ def train(
     dataset_settings = dataset_settings or DatasetSettings()
     velocity_limit, acceleration_limit = np.array(expert_settings.velocity), np.array(expert_settings.acceleration)
     policy = make_policy(scene, velocity_limit, acceleration_limit, policy_settings)
-    parts = labelled_splits(dataset, dataset_settings, policy_settings, training_settings, velocity_limit)
-    check_labels(parts.test, "test")
+    training, validation = (samples(dataset, split, dataset_settings) for split in ("train", "validation"))
+    test = samples(dataset, "test", dataset_settings.model_copy(update={"target": "velocity"}))
+    check_labels(test, "test")
+    units = make_units(dataset, dataset_settings, policy_settings, training_settings, velocity_limit)
+    training, validation = ((poses, targets / units.interval) for poses, targets in (training, validation))
     identity = {
         "dataset_hash": dataset.dataset_hash,
         "dataset": dataset_settings.model_dump(mode="json"),
@@ -75,27 +76,25 @@ def train(
         "scene": {name: np.asarray(array).tolist() for name, array in scene._asdict().items()},
     }
     fitted = fit_policy(
-        policy, parts.train, parts.validation, training_settings, identity, seed, directory, progress, parts.unit
+        policy, training, validation, training_settings, identity, seed, directory, progress, unit=units.output
     )
     progress(0, 0, "training: closed loop and noise floor")
-    parameters, velocities = fitted.parameters, dataset_settings.model_copy(update={"target": "velocity"})
+    parameters = fitted.parameters
     held_out = split_mask(dataset, "test", dataset_settings)
     followed, ratios = _follow_test(policy, parameters, scene, dataset, held_out, acceleration_limit / HEADROOM)
     summary = {
         "train_mse": fitted.train_mse,
         "validation_mse": float(fitted.validation_mse[fitted.seed - seed]),
-        "test_mse": error_on(policy, parameters, samples(dataset, "test", velocities)),
-        "test_mse_own_units": error_on(policy, parameters, parts.test, parts.unit),
-        "noise_floor_mse": dataset_noise_floor(policy, parameters, dataset, velocities),
-        "noise_floor_mse_own_units": dataset_noise_floor(policy, parameters, dataset, dataset_settings, parts),
-        "label_variance": float(np.var(parts.test[1], axis=0).mean()),
+        "test_mse": error_on(policy, parameters, test),
+        "noise_floor_mse": dataset_noise_floor(policy, parameters, dataset, dataset_settings),
+        "label_variance": float(np.var(test[1], axis=0).mean()),
         "seconds": fitted.seconds,
         "compile_seconds": fitted.compile_seconds,
         "epochs": len(fitted.rows),
         "kept_epoch": int(fitted.epochs[fitted.seed - seed]),
         "chosen_seed": fitted.seed,
         "parameters": parameter_count(parameters),
-        "training_samples": len(parts.train[0]),
+        "training_samples": len(training[0]),
         "device": f"{jax.devices()[0].platform} ({jax.devices()[0].device_kind})",
         "field_starts": len(followed.outcome),
         "field_arrived_rate": followed.rate(ARRIVED),
@@ -105,48 +104,38 @@ def train(
         "field_time_ratio_p95": float(np.quantile(ratios, 0.95)) if len(ratios) else None,
         "field_min_clearance_m_p05": _finite(np.quantile(followed.min_clearance, 0.05, method="lower")),
     }
+    if policy_settings.kind == "plain":
+        summary |= errors_in_own_units(policy, parameters, dataset, dataset_settings, units)
+    if training_settings.seeds > 1:
+        each = (of_seed(fitted.by_seed, number) for number in range(training_settings.seeds))
+        seeds = [error_on(policy, one, test) for one in each]
+        summary |= {"test_mse_seeds_min": min(seeds), "test_mse_seeds_max": max(seeds)}
     write_json(directory / "summary.json", summary)
     return summary
 
 
-def error_on(
-    policy: Policy, parameters: PolicyParameters, test: tuple[np.ndarray, np.ndarray], unit: np.ndarray = SI
-) -> float:
-    """Mean squared error on poses and labels as velocities, in `unit`, shape (4,) [m/s, rad/s]."""
-    encoded = encode_samples(policy, *test)
-    with jax.default_matmul_precision("float32"):
-        return float(jax.jit(partial(mean_squared_error, policy, unit=unit))(parameters, encoded))
-
-
 def dataset_noise_floor(
-    policy: Policy,
-    parameters: PolicyParameters,
-    dataset: Dataset,
-    settings: DatasetSettings,
-    parts: LabelledSplits | None = None,
+    policy: Policy, parameters: PolicyParameters, dataset: Dataset, settings: DatasetSettings
 ) -> float | None:
     """The noise floor of the samples that are trained on; None with fewer than three trajectories.
 
     The lesser of two estimates, both of which err upwards where trajectories are far apart: over all trajectories with
     the braking law subtracted, and over the held-out ones with the trained field subtracted (on those it was trained
-    on, the field may have learned the noise). In m/s and rad/s, or in the unit of `parts`.
+    on, the field may have learned the noise).
     """
-    poses, velocities, times = dataset.states[..., :POSE_SIZE], labels(dataset, settings), dataset.times
-    if settings.target == "displacement":
-        velocities = velocities / (parts.interval if parts else 1.0)
-    unit = parts.unit if parts else SI
+    states, times = dataset.states, dataset.times
     if settings.samples == "without_start":  # trajectories must keep one length: those samples of the shortest rest
         first = int((times < settings.start_seconds).sum(1).max())
-        first = min(first, poses.shape[1] - 1)
-        poses, velocities = poses[:, first:], velocities[:, first:]
+        states = states[:, min(first, states.shape[1] - 1) :]
     held_out = ~split_mask(dataset, "train", settings)
     law = jax.vmap(jax.vmap(lambda pose: policy.encode(pose).base))
     field = jax.vmap(jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose))))
     estimates = []
-    for chosen, known in ((slice(None), law), (held_out, field)):
-        if len(poses[chosen]) >= 3:
-            rest = velocities[chosen] - np.asarray(jax.jit(known)(jnp.asarray(poses[chosen], jnp.float32)))
-            estimates.append(noise_floor(poses[chosen], rest / unit))
+    for chosen, known in ((states, law), (states[held_out], field)):
+        if len(chosen) >= 3:
+            poses, velocities = chosen[..., :POSE_SIZE], chosen[..., POSE_SIZE:]
+            rest = velocities - np.asarray(jax.jit(known)(jnp.asarray(poses, jnp.float32)))
+            estimates.append(noise_floor(poses, rest))
     return min(estimates, default=None)
 
 

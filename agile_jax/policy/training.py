@@ -7,6 +7,7 @@ was not killed (on a CPU; a GPU needs XLA's deterministic kernels for that).
 
 import pathlib
 import time
+from collections.abc import Callable
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -34,6 +35,7 @@ from agile_jax.policy.settings import TrainingSettings
 from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
 
+Watch = Callable[[PolicyParameters], dict[str, float]]
 Labels = tuple[np.ndarray, np.ndarray]  # poses (m, 4) [m, rad], velocities (m, 4) [m/s, rad/s]
 NO_PART_OF_THE_RESULT = {"checkpoint_every", "keep", "devices"}  # settings that may change on resumption
 
@@ -61,6 +63,8 @@ def fit_policy(
     seed: int,
     directory: pathlib.Path,
     progress: Progress = silent,
+    watch: tuple[int, Watch] | None = None,
+    initial: PolicyParameters | None = None,
     unit: np.ndarray = SI,
 ) -> Fitted:
     """Fit the policy's network, going on from the last checkpoint in `directory` when there is one.
@@ -73,6 +77,9 @@ def fit_policy(
         seed: of the initial parameters and of the order of the samples; the first of `settings.seeds`.
         directory: for metrics.jsonl, tensorboard/ and checkpoints/.
         progress: is told of every epoch.
+        watch: every so many epochs, what it finds of the parameters (of several seeds: of the best at that time) joins
+            the row of metrics.jsonl.
+        initial: parameters to begin with; random ones, and the samples' normalisation, when not given.
         unit: of the network's outputs and of the loss, shape (4,) [m/s, rad/s].
 
     Raises:
@@ -89,9 +96,9 @@ def fit_policy(
     fixed = settings.model_dump(mode="json", exclude=NO_PART_OF_THE_RESULT)
     identity = identity | {"training": fixed, "seed": seed, "unit": np.asarray(unit, float).tolist()}
     folder = directory / "checkpoints"
-    state, keys, samples, held_out = _prepare(policy, training, validation, settings, seed, unit)
+    state, keys, samples, held_out = _prepare(policy, training, validation, settings, seed, unit, initial)
     kept = jax.tree.map(jnp.copy, state.parameters) if settings.select == "best" else None  # an epoch eats its state
-    restored = restore_checkpoint(folder, _of_seed(state.parameters, 0), _saved(state, kept), identity)
+    restored = restore_checkpoint(folder, of_seed(state.parameters, 0), _saved(state, kept), identity)
     steps = steps_per_epoch(len(training[0]), settings.batch_size)
     epoch, rows, seconds = 0, [], 0.0
     if restored is not None:
@@ -110,6 +117,8 @@ def fit_policy(
             state, losses = compiled.epoch(state, samples, keys, np.int32(number))
             row = _row(np.asarray(losses), np.asarray(compiled.validation_error(state.parameters, held_out)), number)
             row["learning_rate"] = float(schedule(row["step"] - 1))  # of the last step taken
+            if watch is not None and (number + 1) % watch[0] == 0:
+                row |= watch[1](of_seed(state.parameters, int(np.argmin(validation_errors([row])))))
             log.append(row)
             errors, done = validation_errors(log.rows), number + 1
             if kept is not None:
@@ -118,14 +127,14 @@ def fit_policy(
             if stops(errors, settings):
                 last = done
             if done % settings.checkpoint_every == 0 or done == last:
-                best = _of_seed(state.parameters if kept is None else kept, chosen_seed(errors, settings))
+                best = of_seed(state.parameters if kept is None else kept, chosen_seed(errors, settings))
                 metadata = {"rows": log.rows, "seconds": seconds}
                 checkpoint = Checkpoint(done, _saved(state, kept), best, metadata)
                 save_checkpoint(folder, checkpoint, identity, settings.keep)
             progress(done, last, f"training: validation error {row['validation_mse']:.2e}")
     errors = validation_errors(log.rows)
     by_seed, chosen = state.parameters if kept is None else kept, chosen_seed(errors, settings)
-    parameters, epochs = _of_seed(by_seed, chosen), kept_epochs(errors, settings)
+    parameters, epochs = of_seed(by_seed, chosen), kept_epochs(errors, settings)
     with jax.default_matmul_precision("float32"):
         train_mse = jax.jit(partial(mean_squared_error, policy))(parameters, samples)
     return Fitted(
@@ -152,7 +161,13 @@ def check_labels(labels: Labels, name: str) -> None:
 
 
 def _prepare(
-    policy: Policy, training: Labels, validation: Labels, settings: TrainingSettings, seed: int, unit: np.ndarray
+    policy: Policy,
+    training: Labels,
+    validation: Labels,
+    settings: TrainingSettings,
+    seed: int,
+    unit: np.ndarray,
+    initial: PolicyParameters | None = None,
 ) -> tuple[TrainState, jax.Array, Samples, Samples]:
     """Initial states and keys of the orders, by seed, and both splits, all on the devices."""
     samples, held_out = encode_samples(policy, *training), encode_samples(policy, *validation)
@@ -162,9 +177,11 @@ def _prepare(
     states, keys = [], []
     for number in range(seed, seed + settings.seeds):
         init_key, order_key = jax.random.split(jax.random.key(number))
-        parameters = policy.fit(policy.init(init_key, settings.initialisation), features)
-        scale = parameters.normalization.scale * jnp.asarray(unit, jnp.float32)
-        parameters = parameters._replace(normalization=parameters.normalization._replace(scale=scale))
+        parameters = initial
+        if parameters is None:
+            parameters = policy.fit(policy.init(init_key, settings.initialisation), features)
+            scale = parameters.normalization.scale * jnp.asarray(unit, jnp.float32)
+            parameters = parameters._replace(normalization=parameters.normalization._replace(scale=scale))
         states.append(TrainState(parameters, optimizer.init(parameters.network), jnp.int32(0)))
         keys.append(order_key)
     stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)
@@ -216,7 +233,8 @@ def _saved(state: TrainState, kept: PolicyParameters | None) -> dict[str, Any]:
     return saved if kept is None else saved | {"kept": kept}
 
 
-def _of_seed(by_seed: PolicyParameters, number: int) -> PolicyParameters:
+def of_seed(by_seed: PolicyParameters, number: int) -> PolicyParameters:
+    """The parameters of one seed."""
     return jax.tree.map(lambda leaf: leaf[number], by_seed)
 
 

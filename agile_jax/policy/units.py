@@ -13,51 +13,88 @@ An output whose labels hardly vary, such as the yaw of the paper's data, takes i
 
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.dataset import Dataset, DatasetSettings, samples, split_mask
-from agile_jax.dataset.dataset import SPLITS
+from agile_jax.dataset import Dataset, DatasetSettings, labels, samples, split_mask
+from agile_jax.policy.epochs import SI, encode_samples, mean_squared_error
+from agile_jax.policy.field import Policy
+from agile_jax.policy.gamma_test import noise_floor
+from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.settings import PolicySettings, TrainingSettings
+from agile_jax.scene import POSE_SIZE
 from agile_jax.settings import BadInput
 
 SPREAD = 0.01  # of the bound; labels that vary less do not set a unit
 
 
-class LabelledSplits(NamedTuple):
-    """Poses and labels of each split, labels as velocities, and the unit of the network's outputs."""
+class Units(NamedTuple):
+    """How labels become outputs of the network."""
 
-    train: tuple[np.ndarray, np.ndarray]  # (m, 4) [m, rad], (m, 4) [m/s, rad/s]
-    validation: tuple[np.ndarray, np.ndarray]
-    test: tuple[np.ndarray, np.ndarray]
-    unit: np.ndarray  # (4,) [m/s, rad/s]
-    interval: float  # between nodes, mean of the training split [s]
+    interval: float  # [s] by which labels are divided to be velocities; 1 for velocities
+    output: np.ndarray  # u, shape (4,) or (1,) [m/s, rad/s]
 
 
-def labelled_splits(
+def make_units(
     dataset: Dataset,
     dataset_settings: DatasetSettings,
     policy_settings: PolicySettings,
     training_settings: TrainingSettings,
     velocity_limit: np.ndarray,
-) -> LabelledSplits:
-    """What is trained on, in which unit.
+) -> Units:
+    """The units that the settings ask for.
 
     Raises:
-        BadInput: a unit that the policy's structure fixes already.
+        BadInput: the policy's structure fixes its units already.
     """
-    displacement, units = dataset_settings.target == "displacement", training_settings.output_units
-    if policy_settings.kind != "plain" and (displacement or units != "si"):
-        setting = 'dataset.target = "displacement"' if displacement else f'training.output_units = "{units}"'
+    displacement, name = dataset_settings.target == "displacement", training_settings.output_units
+    if not displacement and name == "si":
+        return Units(1.0, SI)
+    if policy_settings.kind != "plain":
+        setting = 'dataset.target = "displacement"' if displacement else f'training.output_units = "{name}"'
         raise BadInput(f'{setting} is for policy.kind = "plain"; "{policy_settings.kind}" sets its own units')
-    interval = float(np.diff(dataset.times[split_mask(dataset, "train", dataset_settings)]).mean())
-    parts = {}
-    for split in SPLITS:
-        poses, labels = samples(dataset, split, dataset_settings)
-        parts[split] = (poses, labels / interval if displacement else labels)
-    unit = np.full(len(velocity_limit), 1.0 / interval if displacement else 1.0)
-    if units == "limits":
-        unit = np.asarray(velocity_limit, float)
-    elif units == "std":
-        deviation = parts["train"][1].std(0)
-        unit = np.where(deviation > SPREAD * velocity_limit, deviation, velocity_limit)
-    return LabelledSplits(parts["train"], parts["validation"], parts["test"], unit, interval)
+    interval = 1.0
+    if displacement:
+        interval = float(np.diff(dataset.times[split_mask(dataset, "train", dataset_settings)]).mean())
+    if name == "si":
+        return Units(interval, np.full(POSE_SIZE, 1.0 / interval))
+    if name == "limits":
+        return Units(interval, np.asarray(velocity_limit, float))
+    deviation = samples(dataset, "train", dataset_settings)[1].std(0) / interval
+    return Units(interval, np.where(deviation > SPREAD * velocity_limit, deviation, velocity_limit))
+
+
+def error_on(
+    policy: Policy, parameters: PolicyParameters, test: tuple[np.ndarray, np.ndarray], unit: np.ndarray = SI
+) -> float:
+    """Mean squared error on poses and velocities, in `unit`, shape (4,) [m/s, rad/s]."""
+
+    def error(parameters: PolicyParameters, encoded: object) -> jax.Array:
+        return mean_squared_error(policy, parameters, encoded, unit)  # type: ignore[arg-type]
+
+    with jax.default_matmul_precision("float32"):
+        return float(jax.jit(error)(parameters, encode_samples(policy, *test)))
+
+
+def errors_in_own_units(
+    policy: Policy, parameters: PolicyParameters, dataset: Dataset, settings: DatasetSettings, units: Units
+) -> dict[str, float | None]:
+    """Test error and noise floor of what the network learns, in its outputs' units. For a field without a base."""
+    poses, targets = samples(dataset, "test", settings)
+    held_out = ~split_mask(dataset, "train", settings)
+    field = jax.jit(jax.vmap(jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose)))))
+    everywhere, wanted = dataset.states[..., :POSE_SIZE], labels(dataset, settings) / units.interval
+    keep = slice(None)
+    if settings.samples == "without_start":  # trajectories must keep one length: those samples of the shortest rest
+        keep = slice(min(int((dataset.times < settings.start_seconds).sum(1).max()), wanted.shape[1] - 1), None)
+    everywhere, wanted = everywhere[:, keep], wanted[:, keep]
+    # Both err upwards where trajectories are far apart; see stage.dataset_noise_floor.
+    floors = [noise_floor(everywhere, wanted / units.output)] if len(everywhere) >= 3 else []
+    if held_out.sum() >= 3:
+        rest = wanted[held_out] - np.asarray(field(jnp.asarray(everywhere[held_out], jnp.float32)))
+        floors.append(noise_floor(everywhere[held_out], rest / units.output))
+    return {
+        "test_mse_own_units": error_on(policy, parameters, (poses, targets / units.interval), units.output),
+        "noise_floor_mse_own_units": min(floors, default=None),
+    }

@@ -1,5 +1,6 @@
 """Data-parallel training on four devices, which XLA makes of the processor, and resumption on another number."""
 
+import contextlib
 import json
 import os
 import pathlib
@@ -77,10 +78,8 @@ if __name__ == "__main__":  # in the process with four devices
     root = pathlib.Path(sys.argv[1])
     fitted = fit_policy(policy, *labels, four, IDENTITY, 3, root / "whole")
     fit_policy(policy, *labels, four, IDENTITY, 3, root / "to four")
-    try:
+    with contextlib.suppress(StopError):
         fit_policy(policy, *labels, four, IDENTITY, 3, root / "to one", stop_halfway)
-    except StopError:
-        pass
     from agile_jax.policy.epochs import compile_training
     from agile_jax.policy.training import SI, _prepare
 
