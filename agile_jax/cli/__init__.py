@@ -23,7 +23,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
-    "benchmark": ("expert [EXPERIMENT.toml]", "speed and quality against the peers"),
+    "benchmark": ("expert|training [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco
@@ -88,7 +88,7 @@ def _dispatch(name: str, argv: list[str]) -> int:
         near = difflib.get_close_matches(name, COMMANDS, 1)
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
-    if name == "benchmark":
+    if name == "benchmark" and argv[:1] != ["training"]:
         use_one_thread()
     elif name != "schema":
         prepare_libraries()

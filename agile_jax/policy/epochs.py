@@ -23,7 +23,7 @@ from jax.sharding import NamedSharding, PartitionSpec
 from agile_jax.policy.field import Encoding, Policy
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.optimizer import make_optimizer
-from agile_jax.policy.precision import products
+from agile_jax.policy.precision import Precision, products
 from agile_jax.policy.settings import TrainingSettings
 from agile_jax.settings import BadInput
 
@@ -102,7 +102,7 @@ def mean_squared_error(
 
 
 def make_step(
-    policy: Policy, optimizer: optax.GradientTransformation, precision: str = "float32", unit: np.ndarray = SI
+    policy: Policy, optimizer: optax.GradientTransformation, precision: Precision = "float32", unit: np.ndarray = SI
 ) -> Step:
     """One step of the optimiser on one batch: (state, batch) -> (state, error before the step [(m/s)^2, (rad/s)^2]).
 
@@ -118,7 +118,7 @@ def make_step(
             squares = squared_errors(policy, state.parameters._replace(network=network), batch)
             return (squares / unit**2).mean(), squares.mean()
 
-        with products(precision):  # type: ignore[arg-type]
+        with products(precision):
             (_, error), gradient = jax.value_and_grad(loss, has_aux=True)(state.parameters.network)
         updates, optimizer_state = optimizer.update(gradient, state.optimizer, state.parameters.network)
         network = optax.apply_updates(state.parameters.network, updates)
