@@ -94,7 +94,8 @@ class Experiment(Settings):
 
     def _backends(self) -> tuple[str, ...]:
         assert self.sweep is not None
-        return self.sweep.space.get("evaluation.backend", (self.evaluation.backend,))
+        listed = tuple(point["evaluation.backend"] for point in self.sweep.points if "evaluation.backend" in point)
+        return self.sweep.space.get("evaluation.backend", (self.evaluation.backend, *listed))
 
 
 def load_experiment(path: pathlib.Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
