@@ -16,6 +16,7 @@ STAGES = ["scene", "expert", "dataset", "policy", "robot", "control", "simulatio
 HOMES = {  # where a heavy library may be imported; folders and files of the package
     "casadi": {"expert", "benchmark"},
     "rockit": {"benchmark"},
+    "torch": {"benchmark"},
     "orbax": {"policy/checkpoint.py"},
     "flax": {"policy"},
     "optax": {"policy"},
@@ -25,13 +26,13 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "imageio": {"report"},
     "imageio_ffmpeg": {"report"},
     "PIL": {"report"},
-    "mujoco": {"robot", "simulation", "report"},
+    "mujoco": {"robot", "simulation", "report", "benchmark"},
     "dask": {"engine"},
     "distributed": {"engine"},
     "optuna": {"sweep"},
     "tyro": {"cli"},
 }
-WITHOUT_JAX = {"benchmark", "scene", "expert", "dataset", "sweep", "cli"}  # and every module at the top of the package
+WITHOUT_JAX = {"scene", "expert", "dataset", "sweep", "cli"}  # and every module at the top of the package
 
 
 def imported(path: pathlib.Path) -> set[str]:

@@ -25,7 +25,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
     "export": ("RUN_DIR", "the trained policy of a finished run, in files for use elsewhere"),
     "compare": ("RUN_DIR RUN_DIR", "two evaluations from the same starts, paired"),
-    "benchmark": ("expert|policy [EXPERIMENT.toml]", "speed and quality against the peers; the policy's speed"),
+    "benchmark": ("SUBJECT [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout", "compare")  # these import mujoco
@@ -91,7 +91,8 @@ def _dispatch(name: str, argv: list[str]) -> int:
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
     if name == "benchmark":
-        use_one_thread("policy" in argv[:1])
+        if argv[:1] in (["expert"], ["policy"]):
+            use_one_thread("policy" in argv[:1])
     elif name != "schema":
         prepare_libraries()
     if name in SIMULATING:

@@ -72,16 +72,6 @@ class ExportOptions:
     """The folder; RUN_DIR/export if not given."""
 
 
-@dataclasses.dataclass(frozen=True)
-class BenchmarkOptions:
-    """A benchmark of the expert, or of the policy against it."""
-
-    starts: int = 100
-    """Starts of the experiment's distribution."""
-    output: pathlib.Path | None = None
-    """Write all numbers there, for example benchmark.json."""
-
-
 def run(argv: list[str]) -> int:
     """`agile run`: all stages."""
     return _run_stages("run", "report", argv)
@@ -182,28 +172,11 @@ def compare(argv: list[str]) -> int:
 
 
 def benchmark(argv: list[str]) -> int:
-    """`agile benchmark expert|policy`: the expert against the peers, or the policy against the expert."""
-    subject, *rest = argv or [""]
-    if subject in ("-h", "--help"):
-        print("usage: agile benchmark expert|policy [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
-        print("expert: solve the same starts with the expert and with its peers, in one thread, and print the ratios.")
-        print("policy: ask the policy and the expert about the same starts, on one core, and print the ratio.")
-        return DONE
-    if subject not in ("expert", "policy"):
-        raise BadInput(f"which benchmark? There are: expert, policy{f', not {subject}' if subject else ''}")
-    from agile_jax.benchmark import TABLE, benchmark_expert, benchmark_policy, report, report_policy
-    from agile_jax.files import write_json
+    """`agile benchmark SUBJECT`: ours against the peers."""
+    from agile_jax.cli.benchmarks import run_benchmark
 
-    experiment, options = parse_experiment(f"benchmark {subject}", BenchmarkOptions(), rest, TABLE)
-    if options.starts < 1:
-        raise BadInput(f"starts = {options.starts} must be at least 1")
-    measure, show = (benchmark_expert, report) if subject == "expert" else (benchmark_policy, report_policy)
     with _progress() as progress:
-        result = measure(experiment, options.starts, progress)
-    print(show(result))
-    if options.output is not None:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        write_json(options.output, result)
+        run_benchmark(argv, progress)
     return DONE
 
 

@@ -1,4 +1,4 @@
-"""Running a grid: one process a trial, one folder for each distinct dataset and training.
+"""Running a sweep: one process a trial, one folder for each distinct dataset and training.
 
 The record of a sweep is plain files: a trial is done when its run directory says so (the same rule as for any run),
 and `sweep.json` is written anew from them after every trial. A grid needs no study database: its points are known
@@ -25,7 +25,16 @@ from agile_jax.progress import Progress, silent
 from agile_jax.run_directory import locked, read_json
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
-from agile_jax.sweep.trials import Trial, best, make_trials, read_metric, stages_for, sweep_settings
+from agile_jax.sweep.trials import (
+    Trial,
+    best,
+    make_trials,
+    point_text,
+    read_metric,
+    read_shown,
+    stages_for,
+    sweep_settings,
+)
 
 SHARED = ("dataset", "training")
 PATIENCE = 60.0  # [s] for a trial's process that has lost its sweep, to end
@@ -74,7 +83,7 @@ def run_sweep(
         _write_results(experiment, sweep_dir, trials)
         for number, trial in enumerate(trials):
             if not _finished(trial, settings):
-                varied = ", ".join(f"{key} = {value}" for key, value in trial.values.items())
+                varied = point_text(trial.values)
                 progress(number, len(trials), f"sweep: {varied} (log in {trial.run_dir / 'log.txt'})")
                 began = time.monotonic()
                 cause = _run_trial(trial, settings, sweep_dir, engine, workers)
@@ -96,7 +105,8 @@ def _judged(trial: Trial, settings: SweepSettings, seconds: float) -> Trial:
     metric = read_metric(settings, trial.run_dir)
     if isinstance(metric, str):
         return trial._replace(status="failed", cause=metric, seconds=seconds)
-    return trial._replace(status="done", metric=metric, cause="", seconds=seconds)
+    shown = read_shown(settings, trial.run_dir)
+    return trial._replace(status="done", metric=metric, shown=shown, cause="", seconds=seconds)
 
 
 def _run_trial(trial: Trial, settings: SweepSettings, sweep_dir: pathlib.Path, engine: str, workers: int | None) -> str:
@@ -171,6 +181,7 @@ def _write_results(experiment: Experiment, sweep_dir: pathlib.Path, trials: list
             "run_dir": str(trial.run_dir.relative_to(sweep_dir)),
             "status": trial.status,
             "metric": trial.metric,
+            "shown": dict(zip(settings.show, trial.shown, strict=bool(trial.shown))),
             "cause": trial.cause,
             "seconds": trial.seconds,
         }

@@ -2,7 +2,7 @@
 
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from agile_jax.settings import Settings
 
@@ -11,31 +11,41 @@ METRIC = r"^(dataset|training|evaluation\.[a-z0-9_]+)\.[a-z0-9_.]+$"
 
 
 class SweepSettings(Settings):
-    """A grid over dotted keys of the experiment."""
+    """A grid over dotted keys of the experiment, or a list of points, each with the keys that it changes."""
 
-    method: Literal["grid"] = "grid"
+    method: Literal["grid", "list"] = "grid"
     metric: str = "training.validation_mse"  # its prefix decides up to which stage a trial runs
     direction: Literal["minimize", "maximize"] = "minimize"
-    space: dict[str, Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]] = Field(min_length=1)
+    show: Annotated[tuple[str, ...], Field(strict=False)] = ()  # further numbers of the same stages to be tabulated
+    space: dict[str, Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]] = Field(default={})  # of a grid
+    points: Annotated[tuple[dict[str, Any], ...], Field(strict=False)] = ()  # of a list; an empty one changes nothing
+
+    @model_validator(mode="after")
+    def _has_the_points_of_its_method(self) -> "SweepSettings":
+        wanted, other = ("space", "points") if self.method == "grid" else ("points", "space")
+        if not getattr(self, wanted) or getattr(self, other):
+            raise ValueError(f'method = "{self.method}" needs sweep.{wanted}, not empty, and no sweep.{other}')
+        return self
 
     @field_validator("method", mode="before")
     @classmethod
     def _method_exists(cls, method: Any) -> Any:
         if method in LATER_METHODS:
-            raise ValueError("this method is not available yet; use 'grid'")
+            raise ValueError("this method is not available yet; use 'grid' or 'list'")
         return method
 
-    @field_validator("metric")
+    @field_validator("metric", "show")
     @classmethod
-    def _metric_names_a_stage(cls, metric: str) -> str:
+    def _metric_names_a_stage(cls, value: Any) -> Any:
         import re
 
-        if not re.match(METRIC, metric):
-            raise ValueError(
-                "must be a key of a stage's summary, such as 'training.validation_mse' or "
-                "'evaluation.mujoco.success_rate'"
-            )
-        return metric
+        for metric in (value,) if isinstance(value, str) else value:
+            if not re.match(METRIC, metric):
+                raise ValueError(
+                    "must be a key of a stage's summary, such as 'training.validation_mse' or "
+                    "'evaluation.mujoco.success_rate'"
+                )
+        return value
 
     @field_validator("space", mode="before")
     @classmethod
@@ -43,13 +53,20 @@ class SweepSettings(Settings):
         """An unquoted `training.learning_rate = [...]` is a nested table in TOML; it means the same."""
         return _flatten(space) if isinstance(space, dict) else space
 
-    @field_validator("space")
+    @field_validator("points", mode="before")
     @classmethod
-    def _keys_can_vary(cls, space: dict[str, tuple[Any, ...]]) -> dict[str, tuple[Any, ...]]:
-        for key in space:
+    def _points_dotted(cls, points: Any) -> Any:
+        if not isinstance(points, list | tuple):
+            return points
+        return tuple(_flatten(point) if isinstance(point, dict) else point for point in points)
+
+    @field_validator("space", "points")
+    @classmethod
+    def _keys_can_vary(cls, value: Any) -> Any:
+        for key in value if isinstance(value, dict) else [key for point in value for key in point]:
             if key.split(".")[0] in ("name", "sweep", "extends"):
                 raise ValueError(f"{key} names the experiment or the sweep and cannot vary")
-        return space
+        return value
 
 
 def _flatten(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:

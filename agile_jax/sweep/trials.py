@@ -13,7 +13,7 @@ from agile_jax.sweep.settings import SweepSettings
 
 
 class Trial(NamedTuple):
-    """One point of the grid. Its identity is the hash of its resolved experiment, not its number."""
+    """One point of the sweep. Its identity is the hash of its resolved experiment, not its number."""
 
     hash: str
     values: dict[str, Any]  # what is varied, by dotted key
@@ -23,22 +23,25 @@ class Trial(NamedTuple):
     metric: float | None
     cause: str  # of a failure
     seconds: float  # spent on it by the process that finished it
+    shown: tuple[float | None, ...] = ()  # the numbers that the sweep shows beside its metric
 
 
 def make_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
-    """Every point of the grid, validated; equal points once. All errors of all points at once.
+    """Every point, validated; equal points once. All errors of all points at once.
 
     Raises:
         BadInput: the experiment has no [sweep], or a point is no valid experiment.
     """
-    space = sweep_settings(experiment).space
+    settings = sweep_settings(experiment)
+    points = settings.points or [
+        dict(zip(settings.space, point, strict=True)) for point in itertools.product(*settings.space.values())
+    ]
     bare = experiment.model_copy(update={"sweep": None})
     trials: dict[str, Trial] = {}
     errors: dict[str, None] = {}
-    for point in itertools.product(*space.values()):
-        values = dict(zip(space, point, strict=True))
+    for values in points:
         try:
-            trial = with_overrides(bare, values, "sweep.space")
+            trial = with_overrides(bare, values, "sweep.points" if settings.points else "sweep.space")
         except BadInput as error:
             errors.update(dict.fromkeys(str(error).splitlines()))
             continue
@@ -53,18 +56,31 @@ def make_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
 def sweep_settings(experiment: Experiment) -> SweepSettings:
     """The experiment's [sweep], or BadInput when it has none."""
     if experiment.sweep is None:
-        raise BadInput(f"{experiment.name}: the experiment has no [sweep] table with a [sweep.space]")
+        raise BadInput(
+            f"{experiment.name}: the experiment has no [sweep] table with a [sweep.space] or [[sweep.points]]"
+        )
     return experiment.sweep
 
 
 def stages_for(settings: SweepSettings) -> tuple[str, ...]:
-    """The stages that a trial must run for its metric."""
-    return stages_up_to(settings.metric.split(".")[0])
+    """The stages that a trial must run for its metric and for what is shown."""
+    return max((stages_up_to(key.split(".")[0]) for key in (settings.metric, *settings.show)), key=len)
 
 
 def read_metric(settings: SweepSettings, run_dir: pathlib.Path) -> float | str:
     """The metric of a finished trial, or why it has none."""
-    stage, *keys = settings.metric.split(".")
+    return read_number(settings.metric, run_dir)
+
+
+def read_shown(settings: SweepSettings, run_dir: pathlib.Path) -> tuple[float | None, ...]:
+    """What is shown beside the metric; None where there is no such number."""
+    found = (read_number(key, run_dir) for key in settings.show)
+    return tuple(None if isinstance(value, str) else value for value in found)
+
+
+def read_number(metric: str, run_dir: pathlib.Path) -> float | str:
+    """A number of a finished trial's summaries, or why there is none."""
+    stage, *keys = metric.split(".")
     name = keys.pop(0) if stage == "evaluation" else "summary"
     path = run_dir / stage / f"{name}.json"
     value: Any = read_json(path)
@@ -74,7 +90,7 @@ def read_metric(settings: SweepSettings, run_dir: pathlib.Path) -> float | str:
             return f"{path} has no {'.'.join(keys)}; it has {known}"
         value = value[key]
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return f"{settings.metric} is {value!r}, which cannot be compared"
+        return f"{metric} is {value!r}, which cannot be compared"
     return float(value)
 
 
@@ -89,15 +105,16 @@ def table(experiment: Experiment, trials: list[Trial]) -> str:
     """The trials as text, the best one marked."""
     settings = sweep_settings(experiment)
     winner = best(settings, trials)
-    keys = list(settings.space)
-    rows = [["", "trial", *keys, settings.metric, "status", "seconds"]]
+    keys = list(settings.space) or ["point"]
+    rows = [["", "trial", *keys, settings.metric, *settings.show, "status", "seconds"]]
     for trial in trials:
         rows.append(
             [
                 "*" if winner is not None and trial.hash == winner.hash else "",
                 trial.hash[:12],
-                *(str(trial.values[key]) for key in keys),
+                *([str(value) for value in trial.values.values()] if settings.space else [point_text(trial.values)]),
                 "" if trial.metric is None else f"{trial.metric:.6g}",
+                *("" if value is None else f"{value:.6g}" for value in trial.shown or [None] * len(settings.show)),
                 trial.status + (f": {trial.cause}" if trial.cause else ""),
                 f"{trial.seconds:.1f}" if trial.seconds else "",
             ]
@@ -106,3 +123,8 @@ def table(experiment: Experiment, trials: list[Trial]) -> str:
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
     )
+
+
+def point_text(values: dict[str, Any]) -> str:
+    """What a point changes, in words."""
+    return ", ".join(f"{key} = {value}" for key, value in values.items()) or "nothing changed"

@@ -8,7 +8,7 @@ from agile_jax.experiment import Experiment, experiment_hash, with_overrides
 from agile_jax.files import write_json
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
-from agile_jax.sweep.trials import Trial, best, make_trials, read_metric, stages_for, table
+from agile_jax.sweep.trials import Trial, best, make_trials, read_metric, read_shown, stages_for, table
 
 SPACE = {"training.learning_rate": [0.1, 0.2], "seed": [0, 1, 2]}
 
@@ -35,6 +35,42 @@ def test_identity_is_what_a_trial_is_and_not_where_it_stands() -> None:
     # 0 is the default: a point equal to the base experiment is the base experiment
     assert make_trials(sweep({"seed": [0]}), pathlib.Path())[0].hash == experiment_hash(Experiment(name="other"))
     assert len(make_trials(sweep({"seed": [1, 1]}), pathlib.Path())) == 1
+
+
+def listed(points: list[dict], **settings: object) -> Experiment:
+    values = {"sweep": {"method": "list", "points": points, **settings}}
+    return with_overrides(Experiment(name="s"), values, "test")
+
+
+def test_a_list_has_its_points_in_order_each_with_its_own_keys(tmp_path: pathlib.Path) -> None:
+    points = [{}, {"seed": 3}, {"training": {"learning_rate": 0.5}, "seed": 4}, {}]
+    experiment = listed(points, show=["training.noise_floor_mse", "training.seconds"])
+    trials = make_trials(experiment, tmp_path)
+    assert [trial.values for trial in trials] == [{}, {"seed": 3}, {"training.learning_rate": 0.5, "seed": 4}]
+    assert trials[0].hash == experiment_hash(Experiment(name="other"))
+    assert trials[2].experiment.training.learning_rate == 0.5
+    write_json(trials[1].run_dir / "training/summary.json", {"noise_floor_mse": None, "seconds": 7.5})
+    settings = experiment.sweep
+    assert settings is not None
+    done = trials[1]._replace(status="done", metric=0.25, shown=read_shown(settings, trials[1].run_dir))
+    assert done.shown == (None, 7.5)
+    lines = table(experiment, [trials[0], done]).splitlines()
+    assert "training.noise_floor_mse  training.seconds" in lines[0]
+    assert "nothing changed" in lines[1]
+    assert lines[2].split() == ["*", done.hash[:12], "seed", "=", "3", "0.25", "7.5", "done"]
+
+
+def test_a_method_has_points_of_its_own_kind() -> None:
+    with pytest.raises(BadInput, match=r"needs sweep\.points"):
+        listed([])
+    with pytest.raises(BadInput, match=r"needs sweep\.space, not empty, and no sweep\.points"):
+        sweep(points=[{"seed": 1}])
+    with pytest.raises(BadInput, match="name names the experiment"):
+        listed([{"name": "x"}])
+    with pytest.raises(BadInput, match=r"sweep\.points: training\.epochs = 0"):
+        make_trials(listed([{"training.epochs": 0}]), pathlib.Path())
+    with pytest.raises(BadInput, match="must be a key of a stage's summary"):
+        listed([{}], show=["validation_mse"])
 
 
 def test_all_bad_points_are_named_at_once() -> None:
