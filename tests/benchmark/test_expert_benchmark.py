@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pytest
 
-from agile_jax.benchmark import TABLE, benchmark_expert, report
+from agile_jax.benchmark.expert import TABLE, benchmark_expert, report
 from agile_jax.benchmark.metrics import Metric, as_json, table
 from agile_jax.benchmark.opti_peer import make_opti_peer
 from agile_jax.benchmark.path import Path, dense_poses, integrate, measure

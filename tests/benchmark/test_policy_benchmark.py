@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agile_jax.benchmark import TABLE, benchmark_policy, report_policy
-from agile_jax.benchmark.policy import BATCH, SPEED_TARGET, _metrics
+from agile_jax.benchmark.expert import TABLE
+from agile_jax.benchmark.policy import BATCH, SPEED_TARGET, _metrics, benchmark_policy, report_policy
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
 

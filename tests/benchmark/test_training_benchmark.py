@@ -7,8 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from agile_jax.benchmark import TRAINING_TABLE, benchmark_training, report_training
-from agile_jax.benchmark.training import METHODS, _torch
+from agile_jax.benchmark.training import METHODS, TRAINING_TABLE, _torch, benchmark_training, report_training
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
 from agile_jax.policy import PolicySettings, TrainingSettings
