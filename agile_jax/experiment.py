@@ -34,6 +34,10 @@ _READS = {  # the sections that a stage reads beyond those of the stages before 
     "evaluation": ("robot", "control", "evaluation"),
     "report": ("report",),
 }
+_CHANGES_NOTHING = {  # settings of these sections on which no result depends
+    "training": {"checkpoint_every", "devices", "keep"},
+}
+_CHANGES_NO_LABEL = {"dataset": {"samples", "split_by", "start_seconds", "target"}}  # what training makes of them
 
 
 class Experiment(Settings):
@@ -140,7 +144,10 @@ def to_toml(experiment: Experiment) -> str:
 def stage_settings(experiment: Experiment, stage: str) -> dict[str, Any]:
     """The settings on which a stage's result depends, by section: its own and those of the stages before."""
     sections = [section for earlier in STAGES[: STAGES.index(stage) + 1] for section in _READS[earlier]]
-    return experiment.model_dump(mode="json", include=set(sections))
+    ignored = _CHANGES_NOTHING | (_CHANGES_NO_LABEL if stage == "dataset" else {})
+    return experiment.model_dump(
+        mode="json", include=set(sections), exclude={key: ignored[key] for key in ignored.keys() & set(sections)}
+    )
 
 
 def stage_hash(experiment: Experiment, stage: str) -> str:

@@ -16,6 +16,7 @@ STAGES = ["scene", "expert", "dataset", "policy", "robot", "control", "simulatio
 HOMES = {  # where a heavy library may be imported; folders and files of the package
     "casadi": {"expert", "benchmark"},
     "rockit": {"benchmark"},
+    "torch": {"benchmark"},
     "orbax": {"policy/checkpoint.py"},
     "flax": {"policy"},
     "optax": {"policy"},

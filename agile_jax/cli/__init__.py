@@ -24,7 +24,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
     "export": ("RUN_DIR", "the trained policy of a finished run, in files for use elsewhere"),
-    "benchmark": ("expert|policy [EXPERIMENT.toml]", "speed and quality against the peers; the policy's speed"),
+    "benchmark": ("expert|training|policy [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco
@@ -89,8 +89,8 @@ def _dispatch(name: str, argv: list[str]) -> int:
         near = difflib.get_close_matches(name, COMMANDS, 1)
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
-    if name == "benchmark":
-        use_one_thread("policy" in argv[:1])
+    if name == "benchmark" and argv[:1] != ["training"]:
+        use_one_thread(one_core=argv[:1] == ["policy"])
     elif name != "schema":
         prepare_libraries()
     if name in SIMULATING:

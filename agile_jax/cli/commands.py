@@ -6,6 +6,7 @@ import pathlib
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import tyro
 
@@ -70,6 +71,18 @@ class ExportOptions:
 
     output: pathlib.Path | None = None
     """The folder; RUN_DIR/export if not given."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrainingBenchmarkOptions:
+    """A benchmark of the training."""
+
+    steps: int = 4
+    """Steps of the optimiser in each repetition."""
+    repetitions: int = 20
+    """Of each method; the fastest counts."""
+    output: pathlib.Path | None = None
+    """Write the metrics with their meaning here, for example training.json."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -166,29 +179,65 @@ def export(argv: list[str]) -> int:
 
 
 def benchmark(argv: list[str]) -> int:
-    """`agile benchmark expert|policy`: the expert against the peers, or the policy against the expert."""
+    """`agile benchmark SUBJECT`: ours against the peers."""
     subject, *rest = argv or [""]
     if subject in ("-h", "--help"):
-        print("usage: agile benchmark expert|policy [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
+        print("usage: agile benchmark expert [EXPERIMENT.toml] [--starts N] [--output FILE.json]")
+        print("       agile benchmark training [EXPERIMENT.toml] [--steps N] [--repetitions N] [--output FILE.json]")
+        print("       agile benchmark policy [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
         print("expert: solve the same starts with the expert and with its peers, in one thread, and print the ratios.")
+        print("training: the rate of the training's steps, of their matrix products, and of PyTorch, on all cores.")
         print("policy: ask the policy and the expert about the same starts, on one core, and print the ratio.")
         return DONE
-    if subject not in ("expert", "policy"):
-        raise BadInput(f"which benchmark? There are: expert, policy{f', not {subject}' if subject else ''}")
-    from agile_jax.benchmark import TABLE, benchmark_expert, benchmark_policy, report, report_policy
+    if subject not in _BENCHMARKS:
+        known = ", ".join(_BENCHMARKS)
+        raise BadInput(f"which benchmark? There are: {known}{f', not {subject}' if subject else ''}")
     from agile_jax.files import write_json
 
-    experiment, options = parse_experiment(f"benchmark {subject}", BenchmarkOptions(), rest, TABLE)
+    output, result, text = _BENCHMARKS[subject](rest)
+    print(text)
+    if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_json(output, result)
+    return DONE
+
+
+Measured = tuple[pathlib.Path | None, dict[str, Any], str]  # where to write, what, and as a table
+
+
+def _benchmark_expert(argv: list[str]) -> Measured:
+    from agile_jax.benchmark import TABLE, benchmark_expert, report
+
+    experiment, options = parse_experiment("benchmark expert", BenchmarkOptions(), argv, TABLE)
     if options.starts < 1:
         raise BadInput(f"starts = {options.starts} must be at least 1")
-    measure, show = (benchmark_expert, report) if subject == "expert" else (benchmark_policy, report_policy)
     with _progress() as progress:
-        result = measure(experiment, options.starts, progress)
-    print(show(result))
-    if options.output is not None:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        write_json(options.output, result)
-    return DONE
+        result = benchmark_expert(experiment, options.starts, progress)
+    return options.output, result, report(result)
+
+
+def _benchmark_training(argv: list[str]) -> Measured:
+    from agile_jax.benchmark import TRAINING_TABLE, benchmark_training, report_training
+
+    options = TrainingBenchmarkOptions()
+    experiment, options = parse_experiment("benchmark training", options, argv, TRAINING_TABLE)
+    with _progress() as progress:
+        result = benchmark_training(experiment, options.steps, options.repetitions, progress)
+    return options.output, result, report_training(result)
+
+
+def _benchmark_policy(argv: list[str]) -> Measured:
+    from agile_jax.benchmark import TABLE, benchmark_policy, report_policy
+
+    experiment, options = parse_experiment("benchmark policy", BenchmarkOptions(), argv, TABLE)
+    if options.starts < 1:
+        raise BadInput(f"starts = {options.starts} must be at least 1")
+    with _progress() as progress:
+        result = benchmark_policy(experiment, options.starts, progress)
+    return options.output, result, report_policy(result)
+
+
+_BENCHMARKS = {"expert": _benchmark_expert, "training": _benchmark_training, "policy": _benchmark_policy}
 
 
 def schema(argv: list[str]) -> int:

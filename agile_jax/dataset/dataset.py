@@ -16,6 +16,7 @@ from agile_jax.settings import BadInput
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
 SPLIT_STREAM = 2
+SAMPLE_STREAM = 3
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -113,11 +114,33 @@ def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.
     return (position >= edges[i]) & (position < upper)
 
 
+def labels(dataset: Dataset, settings: DatasetSettings) -> np.ndarray:
+    """What is learned at each node, shape (n, T+1, 4): velocities [m/s, rad/s], or displacements to the next node
+    [m, rad]."""
+    if settings.target == "velocity":
+        return dataset.states[..., POSE_SIZE:]
+    poses = dataset.states[..., :POSE_SIZE]
+    return np.diff(poses, axis=1, append=poses[:, -1:])
+
+
 def samples(dataset: Dataset, split: Split, settings: DatasetSettings) -> tuple[np.ndarray, np.ndarray]:
-    """The samples of a split: poses (m, 4) [m, rad] and their velocities (m, 4) [m/s, rad/s]."""
-    chosen = split_mask(dataset, split, settings)
-    states = dataset.states[chosen]
-    keep = np.ones(states.shape[:2], bool)
+    """The samples of a split: poses (m, 4) [m, rad] and their labels (m, 4) as `labels` has them."""
+    poses, targets = dataset.states[..., :POSE_SIZE], labels(dataset, settings)
+    keep = np.broadcast_to(split_mask(dataset, split, settings)[:, None], poses.shape[:2])
+    if settings.split_by == "sample":
+        keep = _sample_mask(dataset, split, settings)
     if settings.samples == "without_start":
-        keep = dataset.times[chosen] >= settings.start_seconds
-    return states[keep][:, :POSE_SIZE], states[keep][:, POSE_SIZE:]
+        keep = keep & (dataset.times >= settings.start_seconds)
+    return poses[keep], targets[keep]
+
+
+def _sample_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.ndarray:
+    """Which samples belong to a split when they are dealt out one by one, shape (n, T+1); a function of the seed."""
+    shape = dataset.states.shape[:2]
+    sequence = np.random.SeedSequence((dataset.seed, SAMPLE_STREAM))
+    order = np.random.Generator(np.random.Philox(sequence)).permutation(np.prod(shape))
+    edges = np.round(np.cumsum((0.0, *settings.split)) * len(order)).astype(int)
+    i = SPLITS.index(split)
+    mask = np.zeros(len(order), bool)
+    mask[order[edges[i] : edges[i + 1]]] = True
+    return mask.reshape(shape)

@@ -7,7 +7,9 @@ it. A step whose files disagree with it, or that has none because the process wa
 """
 
 import json
+import os
 import pathlib
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -25,11 +27,11 @@ INTEGRITY = "integrity.json"
 
 
 class Checkpoint(NamedTuple):
-    """One restored step."""
+    """One step of a training."""
 
     step: int
-    parameters: PolicyParameters
-    optimizer: Any  # Optax state; None when not asked for
+    state: Any  # all from which the training goes on, a tree of arrays; None when not asked for
+    policy: PolicyParameters  # what the training would have made of its policy, had it ended here
     metadata: dict[str, Any]
 
 
@@ -41,35 +43,46 @@ def save_checkpoint(folder: pathlib.Path, checkpoint: Checkpoint, identity: dict
         checkpoint: what to write; the metadata must be JSON.
         identity: what must be equal for a later run to go on from here (JSON).
         keep: steps kept, at least 2.
+
+    Raises:
+        OSError: the disk is full or cannot be written; the steps before are whole.
     """
-    with _manager(folder, keep) as manager:
-        manager.save(
-            checkpoint.step,
-            args=ocp.args.Composite(
-                parameters=ocp.args.StandardSave(checkpoint.parameters),
-                optimizer=ocp.args.StandardSave(checkpoint.optimizer),
-                metadata=ocp.args.JsonSave(checkpoint.metadata),
-            ),
-        )
-        manager.wait_until_finished()
     path = folder / str(checkpoint.step)
-    content = {"files": _hashes(path), "identity": identity, "shapes": _shapes(checkpoint.parameters)}
-    write_json(path / INTEGRITY, content | {"sha256": hash_json(content)})
+    _remove_unfinished(folder)
+    try:
+        with _manager(folder, keep) as manager:
+            manager.save(
+                checkpoint.step,
+                args=ocp.args.Composite(
+                    state=ocp.args.StandardSave(checkpoint.state),
+                    policy=ocp.args.StandardSave(checkpoint.policy),
+                    metadata=ocp.args.JsonSave(checkpoint.metadata),
+                ),
+            )
+            manager.wait_until_finished()
+        content = {"files": _hashes(path), "identity": identity, "shapes": _shapes(checkpoint.policy)}
+        write_json(path / INTEGRITY, content | {"sha256": hash_json(content)})
+    except ValueError as error:  # Orbax's word for a failed write: a page of text with the system's error code in it
+        code = re.search(r"os_error_code='(\d+)'", str(error))
+        if code is None:
+            raise
+        _remove_unfinished(folder)
+        raise OSError(int(code[1]), f"{os.strerror(int(code[1]))}, saving a checkpoint", str(path)) from error
 
 
 def restore_checkpoint(
     folder: pathlib.Path,
-    parameters: PolicyParameters,
-    optimizer: Any = None,
+    policy: PolicyParameters,
+    state: Any = None,
     identity: dict[str, Any] | None = None,
     tell: Callable[[str], None] = print,
 ) -> Checkpoint | None:
-    """The last sound step, on the first device; None when there is none.
+    """The last sound step, or None when there is none.
 
     Args:
         folder: of `save_checkpoint`.
-        parameters, optimizer: arrays or jax.ShapeDtypeStruct of the expected structure; without `optimizer` it is
-            not read.
+        policy, state: arrays, where they shall be placed, or jax.ShapeDtypeStruct, of the expected structure; without
+            `state` it is not read.
         identity: of this run; not compared when None.
         tell: is given one line for each step that was set aside.
 
@@ -89,18 +102,18 @@ def restore_checkpoint(
                 f"{folder} was made with other settings: {'; '.join(differences(content['identity'], identity))}. "
                 "Use another run directory, or delete this folder to train anew"
             )
-        if content["shapes"] != _shapes(parameters):
-            changes = "; ".join(differences(content["shapes"], _shapes(parameters)))
+        if content["shapes"] != _shapes(policy):
+            changes = "; ".join(differences(content["shapes"], _shapes(policy)))
             raise BadInput(f"{folder} holds another network: {changes}")
         items: dict[str, Any] = {
-            "parameters": ocp.args.StandardRestore(_on_device(parameters)),
+            "policy": ocp.args.StandardRestore(_placed(policy)),
             "metadata": ocp.args.JsonRestore(),
         }
-        if optimizer is not None:
-            items["optimizer"] = ocp.args.StandardRestore(_on_device(optimizer))
+        if state is not None:
+            items["state"] = ocp.args.StandardRestore(_placed(state))
         with _manager(folder, None) as manager:
             restored = manager.restore(step, args=ocp.args.Composite(**items))
-        return Checkpoint(step, restored["parameters"], restored.get("optimizer"), restored["metadata"])
+        return Checkpoint(step, restored.get("state"), restored["policy"], restored["metadata"])
     return None
 
 
@@ -114,7 +127,7 @@ def load_parameters(directory: pathlib.Path, policy: Policy) -> PolicyParameters
     checkpoint = restore_checkpoint(directory / "checkpoints", expected)
     if checkpoint is None:
         raise BadInput(f"{directory / 'checkpoints'} holds no sound checkpoint; train the policy first")
-    return checkpoint.parameters
+    return checkpoint.policy
 
 
 def differences(old: Any, new: Any, path: str = "") -> list[str]:
@@ -132,6 +145,12 @@ def _manager(folder: pathlib.Path, keep: int | None) -> Iterator[ocp.CheckpointM
     options = ocp.CheckpointManagerOptions(max_to_keep=keep, enable_async_checkpointing=False, create=True)
     with ocp.CheckpointManager(folder.absolute(), options=options) as manager:
         yield manager
+
+
+def _remove_unfinished(folder: pathlib.Path) -> None:
+    """Delete what a kill or a full disk has left of a step that Orbax had not yet committed."""
+    for path in folder.glob("*.orbax-checkpoint-tmp*"):
+        shutil.rmtree(path, ignore_errors=True)
 
 
 def _hashes(path: pathlib.Path) -> dict[str, str]:
@@ -175,6 +194,10 @@ def _shapes(tree: Any) -> dict[str, list[int]]:
     return {jax.tree_util.keystr(key): list(leaf.shape) for key, leaf in jax.tree_util.tree_leaves_with_path(tree)}
 
 
-def _on_device(tree: Any) -> Any:
-    sharding = jax.sharding.SingleDeviceSharding(jax.devices()[0])
-    return jax.tree.map(lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=sharding), tree)
+def _placed(tree: Any) -> Any:
+    """What Orbax shall restore: on the devices that hold `tree`, whichever saved it; abstract leaves on the first."""
+    first = jax.sharding.SingleDeviceSharding(jax.devices()[0])
+    return jax.tree.map(
+        lambda leaf: jax.ShapeDtypeStruct(leaf.shape, leaf.dtype, sharding=getattr(leaf, "sharding", None) or first),
+        tree,
+    )

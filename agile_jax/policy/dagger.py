@@ -21,6 +21,7 @@ import numpy as np
 from agile_jax.dataset import Answers
 from agile_jax.expert import ExpertSettings, planning_margin
 from agile_jax.policy.closed_loop import ARRIVED, Followed, Follower
+from agile_jax.policy.epochs import SI
 from agile_jax.policy.field import Policy
 from agile_jax.policy.held_out import BATCH, DAGGER_STREAM, unseen_starts
 from agile_jax.policy.network import PolicyParameters
@@ -44,6 +45,7 @@ class Rounds(NamedTuple):
     seconds: float  # of all
     asked: int  # poses
     answered: int  # paths
+    samples: int  # of the last one's training
 
 
 def fit_rounds(
@@ -59,11 +61,13 @@ def fit_rounds(
     ask: Ask,
     progress: Progress = silent,
     watch: tuple[int, Watch] | None = None,
+    unit: np.ndarray = SI,
 ) -> Rounds:
     """`fit_policy`, as often as the settings say; without rounds, once.
 
     Args:
-        policy, training, validation, training_settings, identity, seed, directory, progress, watch: see `fit_policy`.
+        policy, training, validation, training_settings, identity, seed, directory, progress, watch, unit: see
+            `fit_policy`.
         settings: the rounds.
         query: poses to ask at; a pure function of parameters and round.
         ask: the expert's answers, kept in a folder.
@@ -77,9 +81,7 @@ def fit_rounds(
         changes = {"epochs": settings.epochs, "learning_rate": settings.rate * training_settings.learning_rate}
         how = training_settings.model_copy(update=changes) if number else training_settings
         known = identity | ({"queries": digests} if digests else {})
-        fitted = fit_policy(
-            policy, training, validation, how, known, seed, folder, progress, watch=watch, initial=parameters
-        )
+        fitted = fit_policy(policy, training, validation, how, known, seed, folder, progress, watch, parameters, unit)
         parameters, epochs, seconds = fitted.parameters, epochs + len(fitted.rows), seconds + fitted.seconds
         if not last:
             answers = ask(query(parameters, number), folder / "queries")
@@ -89,7 +91,7 @@ def fit_rounds(
                 np.concatenate([training[0], states[:, :POSE_SIZE]]),
                 np.concatenate([training[1], states[:, POSE_SIZE:]]),
             )
-    return Rounds(fitted, epochs, seconds, asked, answered)
+    return Rounds(fitted, epochs, seconds, asked, answered, len(training[0]))
 
 
 def make_query(

@@ -14,13 +14,19 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-Initialisation = str  # "lecun_normal" | "torch_uniform"
+Initialisation = str  # "torch_uniform", or a key of KERNELS
 
 ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
     "tanh": jnp.tanh,
     "softplus": nn.softplus,
     "gelu": nn.gelu,
     "relu": nn.relu,
+}
+
+KERNELS: dict[str, Callable[..., jax.Array]] = {  # biases are 0
+    "glorot_uniform": nn.initializers.glorot_uniform(),
+    "he_normal": nn.initializers.he_normal(),
+    "lecun_normal": nn.initializers.lecun_normal(),
 }
 
 
@@ -64,7 +70,7 @@ class MLP(nn.Module):
                     bias_init=lambda key, shape, dtype, n=fan_in: uniform_fan_in(key, shape, n, dtype),
                 )
             else:
-                layer = nn.Dense(width)
+                layer = nn.Dense(width, kernel_init=KERNELS[self.initialisation])
             x = layer(x)
             if i + 1 < len(self.layers):
                 x = ACTIVATIONS[self.activation](x)

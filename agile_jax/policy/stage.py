@@ -16,16 +16,17 @@ from agile_jax.engine import Engine, open_engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_atomic, write_json
 from agile_jax.policy.dagger import fit_rounds, make_query
-from agile_jax.policy.epochs import encode_samples, mean_squared_error
 from agile_jax.policy.field import Policy
 from agile_jax.policy.gamma_test import GammaTest, gamma_test
 from agile_jax.policy.held_out import closed_loop_test, kinematic_follower, make_watch
 from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.network import PolicyParameters, parameter_count
 from agile_jax.policy.settings import ClosedLoopSettings, DaggerSettings, PolicySettings, TrainingSettings
-from agile_jax.policy.training import Labels, check_labels
+from agile_jax.policy.training import Labels, check_labels, of_seed
+from agile_jax.policy.units import error_on, errors_in_own_units, make_units
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
+from agile_jax.settings import BadInput
 
 OpenEngine = Callable[[], AbstractContextManager[Engine]]
 
@@ -77,10 +78,13 @@ def train(
     scene = make_scene(scene_settings)
     velocity_limit, acceleration_limit = np.array(expert_settings.velocity), np.array(expert_settings.acceleration)
     policy = make_policy(scene, velocity_limit, acceleration_limit, policy_settings)
-    training, validation, test = (
-        labels(policy, dataset, split, dataset_settings) for split in ("train", "validation", "test")
+    training, validation = (
+        policy_samples(policy, dataset, split, dataset_settings) for split in ("train", "validation")
     )
+    test = policy_samples(policy, dataset, "test", dataset_settings.model_copy(update={"target": "velocity"}))
     check_labels(test, "test")
+    units = make_units(dataset, dataset_settings, policy_settings, training_settings, velocity_limit)
+    training, validation = ((poses, targets / units.interval) for poses, targets in (training, validation))
     identity = {
         "dataset_hash": dataset.dataset_hash,
         "dataset": dataset_settings.model_dump(mode="json"),
@@ -110,15 +114,16 @@ def train(
         lambda poses, folder: ask(*where, poses, engine, folder, progress),
         progress,
         watch,
+        units.output,
     )
     fitted, parameters = rounds.fitted, rounds.fitted.parameters
     progress(0, 0, "training: noise floor")
     floor = dataset_noise_floor(policy, parameters, dataset, dataset_settings)
-    test_mse = float(mean_squared_error(policy, parameters, encode_samples(policy, *test)))
+    test_mse = error_on(policy, parameters, test)
     save_test_errors(policy, parameters, test, directory / "test_errors.npz")
     summary = {
         "train_mse": fitted.train_mse,
-        "validation_mse": fitted.validation_mse,
+        "validation_mse": float(fitted.validation_mse[fitted.seed - seed]),
         "test_mse": test_mse,
         "noise_floor_mse": floor.floor if floor else None,
         "noise_floor_share": floor.share if floor else None,
@@ -127,13 +132,21 @@ def train(
         "seconds": rounds.seconds,
         "compile_seconds": fitted.compile_seconds,
         "epochs": rounds.epochs,
+        "kept_epoch": int(fitted.epochs[fitted.seed - seed]),
+        "chosen_seed": fitted.seed,
         "parameters": parameter_count(parameters),
-        "training_samples": len(training[0]),
+        "training_samples": rounds.samples,
         "device": f"{jax.devices()[0].platform} ({jax.devices()[0].device_kind})",
         "dagger_asked": rounds.asked,
         "dagger_answered": rounds.answered,
         **closed_loop_test(policy, parameters, *where, closed_loop, seed, directory, engine, progress),
     }
+    if policy_settings.kind == "plain":
+        summary |= errors_in_own_units(policy, parameters, dataset, dataset_settings, units)
+    if training_settings.seeds > 1:
+        each = (of_seed(fitted.by_seed, number) for number in range(training_settings.seeds))
+        seeds = [error_on(policy, one, test) for one in each]
+        summary |= {"test_mse_seeds_min": min(seeds), "test_mse_seeds_max": max(seeds)}
     write_json(directory / "summary.json", summary)
     return summary
 
@@ -150,10 +163,16 @@ def save_test_errors(policy: Policy, parameters: PolicyParameters, test: Labels,
     write_atomic(path, buffer.getvalue())
 
 
-def labels(policy: Policy, dataset: Dataset, split: Split, settings: DatasetSettings) -> Labels:
-    """What a policy learns of a split: velocities of poses, or accelerations of states."""
+def policy_samples(policy: Policy, dataset: Dataset, split: Split, settings: DatasetSettings) -> Labels:
+    """What a policy learns of a split: velocities of poses, or accelerations of states.
+
+    Raises:
+        BadInput: another reading of the labels than a feedback law has.
+    """
     if policy.learns == "velocity":
         return samples(dataset, split, settings)
+    if settings.split_by != "trajectory" or settings.target != "velocity":
+        raise BadInput('dataset.split_by = "sample" and dataset.target = "displacement" are for policies of velocities')
     chosen = split_mask(dataset, split, settings)
     count = min(dataset.controls.shape[1], dataset.states.shape[1])  # piecewise constant: none after the last node
     states, controls = dataset.states[chosen][:, :count], dataset.controls[chosen][:, :count]

@@ -16,18 +16,19 @@ from agile_jax.policy.optimizer import make_optimizer
 from agile_jax.settings import BadInput
 
 
-def final(directory, policy):
-    """Parameters and optimiser state of the last checkpoint."""
+def final(directory, policy, settings=BRIEF):
+    """The last checkpoint: parameters and optimiser states by seed, and the policy."""
     parameters = policy.init(jax.random.key(0))
-    checkpoint = restore_checkpoint(
-        directory / "checkpoints", parameters, make_optimizer(BRIEF, 64).init(parameters.network)
-    )
-    return checkpoint
+    state = {"parameters": parameters, "optimizer": make_optimizer(settings, 64).init(parameters.network)}
+    if settings.select == "best":
+        state["kept"] = parameters
+    by_seed = jax.tree.map(lambda leaf: jax.numpy.stack([leaf] * settings.seeds), state)
+    return restore_checkpoint(directory / "checkpoints", parameters, by_seed)
 
 
-def assert_same_ending(directory, uninterrupted, policy):
-    ours, theirs = final(directory, policy), final(uninterrupted, policy)
-    assert ours.step == theirs.step == BRIEF.epochs
+def assert_same_ending(directory, uninterrupted, policy, settings=BRIEF):
+    ours, theirs = final(directory, policy, settings), final(uninterrupted, policy, settings)
+    assert ours.step == theirs.step
     for a, b in zip(jax.tree.leaves(ours[1:3]), jax.tree.leaves(theirs[1:3]), strict=True):
         assert np.array_equal(a, b)
     assert (directory / "metrics.jsonl").read_bytes() == (uninterrupted / "metrics.jsonl").read_bytes()
@@ -58,7 +59,7 @@ def test_damaged_checkpoint_is_set_aside_and_the_one_before_used(fault, uninterr
     shutil.copytree(uninterrupted, tmp_path / "copy")
     directory = tmp_path / "copy"
     step = directory / "checkpoints" / "8"
-    array = max((step / "parameters").rglob("*"), key=lambda path: path.stat().st_size if path.is_file() else 0)
+    array = max((step / "state").rglob("*"), key=lambda path: path.stat().st_size if path.is_file() else 0)
     data = bytearray(array.read_bytes())
     if fault == "flipped bit":
         data[len(data) // 2] ^= 1

@@ -1,0 +1,251 @@
+"""`agile benchmark training`: the training's floating-point rate against the machine's, and against PyTorch.
+
+All do the steps of stochastic gradient descent that a training does, on the same network with tanh, the same initial
+parameters, samples and order; only matrix products are counted. `products` are those of a step, one by one as
+jnp.matmul computes them in float32: the rate at which this machine multiplies matrices of these shapes through the
+same library. PyTorch runs in a process of its own. The methods take turns, and of each one's repetitions the fastest
+counts, so that what else the machine does hits all alike and least.
+"""
+
+import json
+import os
+import pathlib
+import platform
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from importlib.metadata import PackageNotFoundError, version
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from agile_jax.benchmark.metrics import Metric, as_json, number, table
+from agile_jax.experiment import Experiment
+from agile_jax.progress import Progress, silent
+from agile_jax.settings import BadInput
+
+if TYPE_CHECKING:
+    from agile_jax.policy.throughput import Run, Workload
+
+TRAINING_TABLE = pathlib.Path(__file__).with_name("training.toml")  # what is measured when no experiment is given
+METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
+PAUSE = 0.02  # [s] between two methods: threads of the one before stop spinning
+SHARE_TARGET, PEER_TARGET = 0.85, 1.0
+METHODS = {
+    "ours_float32": "make_epoch of the training, precision float32",
+    "ours_bfloat16": "the same, precision bfloat16: operands rounded, summed and kept in float32",
+    "products": "the products of a step in float32, one by one, without anything between them",
+    "torch_float32": "PyTorch as it comes",
+    "torch_bfloat16": "PyTorch with autocast",
+    "torch_products": "one product of PyTorch at the widest layer's shape, float32",
+}
+
+
+class Timing(NamedTuple):
+    """One repetition of one method, or the fastest of them."""
+
+    wall: float  # [s]
+    cpu: float  # [s] of all threads
+    losses: list[float]  # by step, where there are any
+
+
+def benchmark_training(
+    experiment: Experiment, steps: int = 4, repetitions: int = 20, progress: Progress = silent
+) -> dict[str, Any]:
+    """Measure, and return what goes into the JSON file: `metrics` by key and the method.
+
+    Args:
+        experiment: its hidden layers, batch size, learning rate and initialisation are used.
+        steps: in each repetition.
+        repetitions: of each method.
+        progress: is told of each.
+
+    Raises:
+        BadInput: no steps or repetitions, or another activation than tanh.
+    """
+    from agile_jax.policy import throughput
+
+    if steps < 1 or repetitions < 1:
+        raise BadInput(f"steps = {steps} and repetitions = {repetitions} must be at least 1")
+    if experiment.policy.activation != "tanh":
+        raise BadInput(f'policy.activation = "{experiment.policy.activation}": this benchmark knows only "tanh"')
+    progress(0, repetitions, "compiling")
+    workload, compiled = throughput.make_workload(experiment.policy, experiment.training, steps)
+    products = throughput.make_products(workload)
+    fastest_product = {product.name: np.inf for product in products}
+    flops = steps * throughput.step_flops(workload)
+    methods = {"ours_float32": _timed(compiled("float32")), "ours_bfloat16": _timed(compiled("bfloat16"))}
+
+    def all_products() -> Timing:
+        wall, cpu = time.perf_counter(), time.process_time()
+        for product in products:
+            begun = time.perf_counter()
+            product.run()
+            fastest_product[product.name] = min(fastest_product[product.name], time.perf_counter() - begun)
+        return Timing(time.perf_counter() - wall, time.process_time() - cpu, [])
+
+    methods["products"] = all_products
+    with _torch(workload) as peer:
+        if peer is not None:
+            methods |= {f"torch_{name}": partial(peer, name) for name in ("float32", "bfloat16", "products")}
+        best: dict[str, Timing] = {}
+        for i in range(repetitions + 1):  # the first warms up
+            for name, run in methods.items():
+                time.sleep(PAUSE)
+                found = run()
+                if i > 0:
+                    before = best.get(name, Timing(np.inf, np.inf, []))
+                    best[name] = Timing(min(found.wall, before.wall), min(found.cpu, before.cpu), found.losses)
+            progress(i, repetitions, "measuring: repetitions")
+    work = dict.fromkeys(methods, flops) | {"products": sum(product.flops for product in products)}
+    work["torch_products"] = 2.0 * workload.rows.shape[1] * max(kernel.size for kernel in workload.kernels)
+    # What the machine can do: each product at its fastest, whichever repetition that was.
+    rate = sum(product.flops for product in products) / sum(fastest_product.values())
+    return {
+        "benchmark": "training",
+        "experiment": experiment.name,
+        "method": METHOD,
+        "methods": METHODS | ({} if peer is not None else dict.fromkeys(_peers(), "not installed: pip install torch")),
+        "problem": {
+            "hidden_layers": list(experiment.policy.hidden_layers),
+            "batch": experiment.training.batch_size,
+            "steps": steps,
+            "repetitions": repetitions,
+            "gflop_per_step": flops / steps / 1e9,
+        },
+        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
+        "software": {name: _version(name) for name in ("agile_jax", "jax", "jaxlib", "torch")},
+        "metrics": as_json(_metrics(best, work, rate)),
+        "products": {
+            product.name: product.flops / fastest_product[product.name] / 1e9 for product in products
+        },  # [GFLOP/s]
+    }
+
+
+def _timed(run: "Run") -> Callable[[], Timing]:
+    def timed() -> Timing:
+        state = run.prepare()
+        wall, cpu = time.perf_counter(), time.process_time()
+        losses = run.work(state)
+        return Timing(time.perf_counter() - wall, time.process_time() - cpu, losses.tolist())
+
+    return timed
+
+
+def _peers() -> list[str]:
+    return [name for name in METHODS if name.startswith("torch")]
+
+
+@contextmanager
+def _torch(workload: "Workload") -> Iterator[Callable[[str], Timing] | None]:
+    """Ask PyTorch in its own process to do the work in a precision; None where it is not installed."""
+    if find_spec("torch") is None:
+        yield None
+        return
+    with tempfile.TemporaryDirectory(prefix="agile-torch-") as folder:
+        path = pathlib.Path(folder) / "workload.npz"
+        arrays = {f"kernel_{i}": kernel for i, kernel in enumerate(workload.kernels)}
+        arrays |= {f"bias_{i}": bias for i, bias in enumerate(workload.biases)}
+        arrays |= {"poses": workload.poses, "labels": workload.labels, "rows": workload.rows.astype(np.int64)}
+        arrays |= {"layers": np.array(len(workload.kernels)), "learning_rate": np.array(workload.learning_rate)}
+        np.savez(path, **arrays)  # type: ignore[arg-type]
+        command = [sys.executable, "-m", "agile_jax.benchmark.torch_peer", str(path)]
+        process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
+        assert process.stdin is not None
+        assert process.stdout is not None
+
+        def ask(name: str) -> Timing:
+            print(name, file=process.stdin, flush=True)
+            line = process.stdout.readline()  # type: ignore[union-attr]
+            if not line:
+                raise RuntimeError(f"PyTorch's process ended with code {process.wait()}")
+            answer = json.loads(line)
+            return Timing(answer["wall"], answer["cpu"], answer["losses"])
+
+        try:
+            yield ask
+        finally:
+            process.stdin.close()
+            process.wait()
+            process.stdout.close()
+
+
+def _version(name: str) -> str | None:
+    try:
+        return version(name)
+    except PackageNotFoundError:
+        return None
+
+
+def _metrics(best: dict[str, Timing], work: dict[str, float], rate: float) -> list[Metric]:
+    """Rates of each method [GFLOP/s], and ours against the machine and the peer.
+
+    Args:
+        best: the fastest of each method.
+        work: floating-point operations of one repetition of each method.
+        rate: of the products, each at its fastest [FLOP/s].
+    """
+    found = []
+    for name, timing in best.items():
+        speed = rate if name == "products" else work[name] / timing.wall
+        found += [
+            Metric(f"{name}.rate", speed / 1e9, "GFLOP/s", "higher", "of the fastest repetition"),
+            Metric(
+                f"{name}.rate_per_core_second",
+                work[name] / timing.cpu / 1e9,
+                "GFLOP/s",
+                "higher",
+                "over the processor time of all threads, the least of the repetitions",
+            ),
+        ]
+    ours = work["ours_float32"] / best["ours_float32"].wall
+    found.append(
+        Metric("ours_float32.of_products", ours / rate, "", "higher", "its rate over the products'", SHARE_TARGET)
+    )
+    cpu_share = work["ours_float32"] / best["ours_float32"].cpu * best["products"].cpu / work["products"]
+    found.append(
+        Metric("ours_float32.of_products_per_core_second", cpu_share, "", "higher", "the same over processor time")
+    )
+    bfloat16 = best["ours_float32"].wall / best["ours_bfloat16"].wall
+    found.append(Metric("ours_bfloat16.over_float32", bfloat16, "", "higher", "its rate over float32's"))
+    if "torch_float32" in best:
+        peer = best["torch_float32"]
+        differ = np.abs(np.divide(peer.losses, best["ours_float32"].losses) - 1).max()
+        ratio = peer.wall / best["ours_float32"].wall
+        found += [
+            Metric("ours_float32.over_torch", ratio, "", "higher", "its rate over PyTorch's float32", PEER_TARGET),
+            Metric(
+                "ours_bfloat16.over_torch",
+                best["torch_bfloat16"].wall / best["ours_bfloat16"].wall,
+                "",
+                "higher",
+                "its rate over PyTorch's bfloat16",
+            ),
+            Metric("torch_float32.loss_difference", float(differ), "", "lower", "largest relative, of a step's loss"),
+        ]
+    return found
+
+
+def report_training(result: dict[str, Any]) -> str:
+    """The result as a table to read."""
+    metrics = result["metrics"]
+    names = [name for name in METHODS if f"{name}.rate" in metrics]
+    rows = []
+    for key in dict.fromkeys(key.partition(".")[2] for key in metrics):
+        found = [metrics.get(f"{name}.{key}") for name in names]
+        unit = next(metric["unit"] for metric in found if metric)
+        cells = [number(metric["value"]) if metric else "" for metric in found]
+        rows.append((f"{key} [{unit}]" if unit else key, cells))
+    missing = [f"{name}: {text}" for name, text in result["methods"].items() if text.startswith("not installed")]
+    missed = [
+        f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])} ({metric['meaning']})"
+        for key, metric in metrics.items()
+        if Metric(key, **metric).missed
+    ]
+    problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
+    return "\n".join([f"{result['experiment']}: {problem}", "", table(names, rows), *missing, *missed])

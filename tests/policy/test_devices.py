@@ -1,0 +1,91 @@
+"""Data-parallel training on four devices, which XLA makes of the processor, and resumption on another number."""
+
+import contextlib
+import json
+import os
+import pathlib
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+from synthetic import ACCELERATION, BRIEF, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene, train_small
+
+from agile_jax.policy import fit_policy, load_parameters, make_policy
+from agile_jax.settings import BadInput
+
+HALFWAY = 4
+
+
+def train_on_four(directory: pathlib.Path) -> str:
+    """Train in a process that sees four devices; its output."""
+    environment = dict(os.environ) | {"XLA_FLAGS": "--xla_force_host_platform_device_count=4", "JAX_PLATFORMS": "cpu"}
+    script = [sys.executable, pathlib.Path(__file__), directory]
+    process = subprocess.run(script, env=environment, capture_output=True, text=True)
+    assert process.returncode == 0, process.stderr
+    return process.stdout
+
+
+def parameters_in(directory):
+    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    return jax.tree.leaves(load_parameters(directory, policy))
+
+
+def assert_close(directory, other):
+    for a, b in zip(parameters_in(directory), parameters_in(other), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+    ours, theirs = ((path / "metrics.jsonl").read_text().splitlines() for path in (directory, other))
+    for a, b in zip(ours, theirs, strict=True):
+        assert json.loads(a) == pytest.approx(json.loads(b), rel=1e-4)
+
+
+class StopError(Exception):
+    pass
+
+
+def stop_halfway(done, total, note):
+    if done == HALFWAY + 1:
+        raise StopError
+
+
+def test_four_devices_give_the_result_of_one_and_take_up_each_others_checkpoints(uninterrupted, tmp_path):
+    whole, to_one, to_four = tmp_path / "whole", tmp_path / "to one", tmp_path / "to four"
+    with pytest.raises(StopError):
+        train_small(to_four, stop_halfway)
+    (tmp_path / "to four" / "metrics.jsonl").unlink()
+    done = json.loads(train_on_four(tmp_path))
+    assert done == {"devices": 4, "split": True}
+    assert_close(whole, uninterrupted)
+    assert_close(to_four, uninterrupted)
+
+    assert {path.name for path in (to_one / "checkpoints").iterdir()} == {"2", "4"}
+    train_small(to_one)
+    assert_close(to_one, uninterrupted)
+
+
+def test_too_few_devices_are_refused(tmp_path):
+    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    settings = BRIEF.model_copy(update={"devices": 64})
+    with pytest.raises(BadInput, match=r"training\.devices = 64, but JAX finds \d"):
+        fit_policy(policy, smooth_labels(500), smooth_labels(100, 1), settings, IDENTITY, 0, tmp_path)
+
+
+if __name__ == "__main__":  # in the process with four devices
+    four = BRIEF.model_copy(update={"devices": 4})
+    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    labels = smooth_labels(500), smooth_labels(100, 1)
+    root = pathlib.Path(sys.argv[1])
+    fitted = fit_policy(policy, *labels, four, IDENTITY, 3, root / "whole")
+    fit_policy(policy, *labels, four, IDENTITY, 3, root / "to four")
+    with contextlib.suppress(StopError):
+        fit_policy(policy, *labels, four, IDENTITY, 3, root / "to one", stop_halfway)
+    from agile_jax.policy.epochs import compile_training
+    from agile_jax.policy.training import SI, _prepare
+
+    state, keys, samples, held_out = _prepare(policy, *labels, four, 3, SI)
+    compiled = compile_training(policy, four, state, samples, held_out, keys)
+    text = compiled.epoch.as_text()
+    # Each device multiplies its 16 of the 64 rows of a batch, and the gradients are added up.
+    split = "f32[16,16]" in text and "all-reduce" in text and "f32[64,16]" not in text
+    print(json.dumps({"devices": len(fitted.by_seed.normalization.mean.devices()), "split": split}))
