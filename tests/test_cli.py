@@ -24,6 +24,8 @@ FILES = {
     "type.toml": "[training]\nepochs = 'many'",
     "close.toml": "[scene]\ntarget = [2.04, 0.0, 0.28, 0.0]",
     "filter.toml": "[policy]\nfilter_margin = 0.03",
+    "rounds.toml": "[dagger]\nrounds = 1",
+    "feedback.toml": "[expert]\ninitial_velocity = 'free'\n[policy]\nkind = 'feedback'",
 }
 SMALL = ["--expert.trajectories", "4", "--expert.shard-size", "1", "--expert.nodes", "20", "--engine", "inline"]
 
@@ -65,6 +67,9 @@ Call = Callable[..., tuple[int, str, str]]
             "inside.toml: scene: target = [1.5, 0.0, 0.28, 0.0] puts the torso inside an obstacle",
         ),
         (["run", "close.toml"], "close.toml: target = [2.04, 0.0, 0.28, 0.0] puts the torso 0.0100 m from obstacle 0"),
+        (["run", "rounds.toml"], 'it needs expert.initial_velocity = "free"'),
+        (["run", "feedback.toml"], 'it needs expert.initial_velocity = "rest"'),
+        (["export", "nowhere"], "nowhere: no such run directory"),
         (["run", "filter.toml"], "policy.filter_margin = 0.03 must be below expert.clearance_margin = 0.025"),
         (["train", "type.toml"], "type.toml: training.epochs = 'many': input should be a valid integer"),
         (["run", "god.toml"], "god.toml: no such file; did you mean good.toml?"),

@@ -45,6 +45,7 @@ class Rounds(NamedTuple):
     seconds: float  # of all
     asked: int  # poses
     answered: int  # paths
+    samples: int  # of the last one's training
 
 
 def fit_rounds(
@@ -90,7 +91,7 @@ def fit_rounds(
                 np.concatenate([training[0], states[:, :POSE_SIZE]]),
                 np.concatenate([training[1], states[:, POSE_SIZE:]]),
             )
-    return Rounds(fitted, epochs, seconds, asked, answered)
+    return Rounds(fitted, epochs, seconds, asked, answered, len(training[0]))
 
 
 def make_query(

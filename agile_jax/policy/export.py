@@ -9,6 +9,7 @@ tick () to the velocities a tick later.
 
 import io
 import pathlib
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -62,6 +63,7 @@ def exported_module(policy: Policy, parameters: PolicyParameters) -> bytes:
     """The serialised module, the parameters inside."""
     (count,) = jax_export.symbolic_shape("b")
     poses = jax.ShapeDtypeStruct((count, POSE_SIZE), jnp.float32)
+    function: Callable[..., jax.Array]
     arguments: tuple[Any, ...]
     if policy.learns == "velocity":
         function, arguments = jax.vmap(lambda pose: policy.velocity(parameters, pose)), (poses,)

@@ -26,6 +26,7 @@ from agile_jax.policy.training import Labels, check_labels, of_seed
 from agile_jax.policy.units import error_on, errors_in_own_units, make_units
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
+from agile_jax.settings import BadInput
 
 OpenEngine = Callable[[], AbstractContextManager[Engine]]
 
@@ -77,8 +78,10 @@ def train(
     scene = make_scene(scene_settings)
     velocity_limit, acceleration_limit = np.array(expert_settings.velocity), np.array(expert_settings.acceleration)
     policy = make_policy(scene, velocity_limit, acceleration_limit, policy_settings)
-    training, validation = (labels(policy, dataset, split, dataset_settings) for split in ("train", "validation"))
-    test = labels(policy, dataset, "test", dataset_settings.model_copy(update={"target": "velocity"}))
+    training, validation = (
+        policy_samples(policy, dataset, split, dataset_settings) for split in ("train", "validation")
+    )
+    test = policy_samples(policy, dataset, "test", dataset_settings.model_copy(update={"target": "velocity"}))
     check_labels(test, "test")
     units = make_units(dataset, dataset_settings, policy_settings, training_settings, velocity_limit)
     training, validation = ((poses, targets / units.interval) for poses, targets in (training, validation))
@@ -132,7 +135,7 @@ def train(
         "kept_epoch": int(fitted.epochs[fitted.seed - seed]),
         "chosen_seed": fitted.seed,
         "parameters": parameter_count(parameters),
-        "training_samples": len(training[0]),
+        "training_samples": rounds.samples,
         "device": f"{jax.devices()[0].platform} ({jax.devices()[0].device_kind})",
         "dagger_asked": rounds.asked,
         "dagger_answered": rounds.answered,
@@ -160,10 +163,16 @@ def save_test_errors(policy: Policy, parameters: PolicyParameters, test: Labels,
     write_atomic(path, buffer.getvalue())
 
 
-def labels(policy: Policy, dataset: Dataset, split: Split, settings: DatasetSettings) -> Labels:
-    """What a policy learns of a split: velocities of poses, or accelerations of states."""
+def policy_samples(policy: Policy, dataset: Dataset, split: Split, settings: DatasetSettings) -> Labels:
+    """What a policy learns of a split: velocities of poses, or accelerations of states.
+
+    Raises:
+        BadInput: another reading of the labels than a feedback law has.
+    """
     if policy.learns == "velocity":
         return samples(dataset, split, settings)
+    if settings.split_by != "trajectory" or settings.target != "velocity":
+        raise BadInput('dataset.split_by = "sample" and dataset.target = "displacement" are for policies of velocities')
     chosen = split_mask(dataset, split, settings)
     count = min(dataset.controls.shape[1], dataset.states.shape[1])  # piecewise constant: none after the last node
     states, controls = dataset.states[chosen][:, :count], dataset.controls[chosen][:, :count]

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.policy.epochs import Samples, TrainState, make_epoch, make_step
-from agile_jax.policy.field import Encoding, make_policy
+from agile_jax.policy.field import Encoding
+from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.optimizer import make_optimizer
 from agile_jax.policy.precision import Precision
 from agile_jax.policy.settings import PolicySettings, TrainingSettings

@@ -127,8 +127,17 @@ def draw_velocity_field_side(
     figure = new_figure(7.4, 2.9)
     axes = dress(figure.add_subplot(), "x [m]", "height of the torso's centre [m]")
     speed = np.hypot(field[..., 0], field[..., 2])
-    look = {"cmap": "viridis", "density": (1.6, 0.8), "linewidth": 0.9, "arrowsize": 0.8}
-    lines = axes.streamplot(x, z, field[..., 0], field[..., 2], color=speed, **look)
+    lines = axes.streamplot(
+        x,
+        z,
+        field[..., 0],
+        field[..., 2],
+        color=speed,
+        cmap="viridis",
+        density=(1.6, 0.8),
+        linewidth=0.9,
+        arrowsize=0.8,
+    )
     draw_target(axes, scene, "side")
     axes.set_xlim(low, high)
     axes.set_ylim(z[0], z[-1])

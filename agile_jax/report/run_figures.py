@@ -6,7 +6,7 @@ What is not there yet is left out with a sentence.
 import io
 import pathlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 from PIL import Image
@@ -98,7 +98,7 @@ def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
     """Error by epoch."""
     directory = run_dir / "training"
     rounds = sorted(directory.glob("round-*/metrics.jsonl"), key=lambda path: int(path.parent.name.partition("-")[2]))
-    rows = []
+    rows: list[dict[str, Any]] = []
     for metrics in [*rounds, directory / "metrics.jsonl"]:
         found = read_metrics(metrics) if metrics.is_file() else []
         rows += [row | {"epoch": row.get("epoch", 0) + len(rows)} for row in found]

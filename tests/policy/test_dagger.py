@@ -9,6 +9,7 @@ import pytest
 from synthetic import ACCELERATION, SMALL, VELOCITY, table_scene
 from test_stage import EXPERT, SCENE, straight_lines
 
+from agile_jax.dataset import DatasetSettings, samples
 from agile_jax.policy import ClosedLoopSettings, DaggerSettings, TrainingSettings, load_parameters, make_policy, train
 from agile_jax.policy.dagger import BEFORE, visited_poses
 from agile_jax.scene import clearance, make_scene
@@ -38,7 +39,7 @@ def ending(directory):
 def test_a_round_adds_the_experts_answers_and_goes_on_from_its_parameters(finished):
     directory, summary = finished
     assert summary["dagger_asked"] == summary["dagger_answered"] == 6  # without obstacles one pose a rollout
-    alone = len(straight_lines().indices) * 0.8 * 31
+    alone = len(samples(straight_lines(), "train", DatasetSettings())[0])
     assert summary["epochs"] == 4
     assert summary["training_samples"] == alone + 6 * 21
     rows = [json.loads(line) for line in (directory / "metrics.jsonl").read_text().splitlines()]

@@ -10,7 +10,7 @@ from test_stage import EXPERT, SCENE, SETTINGS, straight_lines
 from agile_jax.dataset import DatasetSettings, split_mask
 from agile_jax.policy import ClosedLoopSettings, follow, make_policy, train
 from agile_jax.policy.closed_loop import ARRIVED
-from agile_jax.policy.stage import labels
+from agile_jax.policy.stage import policy_samples
 from agile_jax.policy.tracker import track
 
 FEEDBACK = SMALL.model_copy(update={"kind": "feedback"})
@@ -62,7 +62,7 @@ def test_its_command_is_within_the_bounds_and_what_a_tracker_can_follow():
 def test_it_learns_the_accelerations_of_the_states(settings):
     dataset = straight_lines()
     policy, _ = law(empty_scene(), 1.0)
-    states, accelerations = labels(policy, dataset, "train", settings)
+    states, accelerations = policy_samples(policy, dataset, "train", settings)
     assert states.shape == (len(states), 8)
     chosen = split_mask(dataset, "train", settings)
     assert len(states) == (dataset.times[chosen][:, :-1] >= (0.2 if settings.samples != "all" else 0.0)).sum()

@@ -7,7 +7,7 @@ from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene
 
 from agile_jax.dataset import Dataset, DatasetSettings, samples
 from agile_jax.expert import ExpertSettings
-from agile_jax.policy import TrainingSettings, load_parameters, make_policy, parameter_count, train
+from agile_jax.policy import ClosedLoopSettings, TrainingSettings, load_parameters, make_policy, parameter_count, train
 from agile_jax.scene import SceneSettings, StartSettings
 from agile_jax.settings import BadInput
 
@@ -15,6 +15,7 @@ REQUIRED = {"train_mse", "validation_mse", "test_mse", "noise_floor_mse"}
 REQUIRED |= {"seconds", "compile_seconds", "epochs", "parameters", "device"}
 EXPERT = ExpertSettings(velocity=tuple(VELOCITY), acceleration=tuple(ACCELERATION))
 SETTINGS = TrainingSettings(batch_size=64, epochs=3)
+LOOPS = ClosedLoopSettings(starts=16)
 SCENE = SceneSettings(
     start=StartSettings(mean=(2.4, 0.0, 0.27, 0.0), std=(0.2, 0.2, 0.01, 0.0))
 )  # where the labels are
@@ -47,7 +48,7 @@ def straight_lines(count: int = 40, nodes: int = 30) -> Dataset:
 
 def test_training_stage_writes_the_contracts_summary(tmp_path):
     dataset, scene = straight_lines(), empty_scene()
-    summary = train(dataset, SCENE, EXPERT, SMALL, SETTINGS, 0, tmp_path)
+    summary = train(dataset, SCENE, EXPERT, SMALL, SETTINGS, 0, tmp_path, closed_loop_settings=LOOPS)
     assert json.loads((tmp_path / "summary.json").read_text()) == summary
     assert summary.keys() >= REQUIRED
     assert summary["epochs"] == 3
@@ -72,7 +73,9 @@ def test_training_stage_writes_the_contracts_summary(tmp_path):
 def test_training_stage_on_the_samples_without_their_start(tmp_path):
     dataset = straight_lines()
     without = DatasetSettings(samples="without_start", start_seconds=0.2)
-    summary = train(dataset, SCENE, EXPERT, SMALL, SETTINGS, 0, tmp_path, dataset_settings=without)
+    summary = train(
+        dataset, SCENE, EXPERT, SMALL, SETTINGS, 0, tmp_path, closed_loop_settings=LOOPS, dataset_settings=without
+    )
     assert summary["training_samples"] == len(samples(dataset, "train", without)[0])
     with pytest.raises(BadInput, match=r"dataset\.samples was"):
-        train(dataset, SCENE, EXPERT, SMALL, SETTINGS, 0, tmp_path)
+        train(dataset, SCENE, EXPERT, SMALL, SETTINGS, 0, tmp_path, closed_loop_settings=LOOPS)

@@ -4,7 +4,7 @@ import jax
 import numpy as np
 import pytest
 from synthetic import ACCELERATION, TARGET, VELOCITY, empty_scene
-from test_stage import EXPERT, straight_lines
+from test_stage import EXPERT, LOOPS, SCENE, straight_lines
 
 from agile_jax.dataset import DatasetSettings, labels, samples, split_mask
 from agile_jax.policy import PolicySettings, TrainingSettings, load_parameters, make_policy, train
@@ -67,7 +67,9 @@ def test_units(dataset):
 def test_errors_are_those_of_the_network_in_its_own_units(target, units, dataset, tmp_path):
     reading = DatasetSettings(target=target)
     training = SETTINGS.model_copy(update={"output_units": units})
-    summary = train(dataset, empty_scene(), EXPERT, PLAIN, training, 0, tmp_path, dataset_settings=reading)
+    summary = train(
+        dataset, SCENE, EXPERT, PLAIN, training, 0, tmp_path, closed_loop_settings=LOOPS, dataset_settings=reading
+    )
     policy = make_policy(empty_scene(), VELOCITY, ACCELERATION, PLAIN)
     parameters = load_parameters(tmp_path, policy)
 
@@ -93,13 +95,34 @@ def test_errors_are_those_of_the_network_in_its_own_units(target, units, dataset
 def test_units_of_a_structured_policy_are_refused(dataset, tmp_path):
     residual = PolicySettings(hidden_layers=(16,))
     with pytest.raises(BadInput, match=r'output_units = "std" is for policy\.kind = "plain"'):
-        train(dataset, empty_scene(), EXPERT, residual, TrainingSettings(output_units="std"), 0, tmp_path)
+        train(
+            dataset,
+            SCENE,
+            EXPERT,
+            residual,
+            TrainingSettings(output_units="std"),
+            0,
+            tmp_path,
+            closed_loop_settings=LOOPS,
+        )
     with pytest.raises(BadInput, match=r'dataset\.target = "displacement" is for policy\.kind = "plain"'):
-        train(dataset, empty_scene(), EXPERT, residual, SETTINGS, 0, tmp_path, dataset_settings=DISPLACEMENT)
+        train(
+            dataset,
+            SCENE,
+            EXPERT,
+            residual,
+            SETTINGS,
+            0,
+            tmp_path,
+            closed_loop_settings=LOOPS,
+            dataset_settings=DISPLACEMENT,
+        )
 
 
 def test_several_seeds_in_the_summary(dataset, tmp_path):
-    summary = train(dataset, empty_scene(), EXPERT, PLAIN, SETTINGS.model_copy(update={"seeds": 2}), 5, tmp_path)
+    summary = train(
+        dataset, SCENE, EXPERT, PLAIN, SETTINGS.model_copy(update={"seeds": 2}), 5, tmp_path, closed_loop_settings=LOOPS
+    )
     assert summary["chosen_seed"] in (5, 6)
     assert summary["test_mse_seeds_min"] <= summary["test_mse"] <= summary["test_mse_seeds_max"]
     assert summary["test_mse_seeds_min"] < summary["test_mse_seeds_max"]
