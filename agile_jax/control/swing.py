@@ -12,7 +12,7 @@ def foothold(
     velocity_reference: jax.Array,
     yaw_rate: jax.Array,
     height: jax.Array,
-    stance_duration: float,
+    stance_duration: jax.Array,
     gain: float,
 ) -> jax.Array:
     """Where a foot should land, in the plane.
@@ -57,7 +57,7 @@ def forward_reach(
 
 
 def swing_path(
-    lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: float
+    lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: jax.Array
 ) -> tuple[jax.Array, jax.Array]:
     """Position and velocity on the way from `lift_off` to `touch_down`.
 

@@ -33,7 +33,9 @@ class SwingTarget(NamedTuple):
     foothold_world: jax.Array  # (4, 3) [m]
     step_height: jax.Array  # () [m]
     progress: jax.Array  # (4,) in [0, 1]
-    duration: float  # [s]
+    duration: jax.Array  # () [s]
+    depth: jax.Array  # (4,) that much below the path [m]
+    descent: jax.Array  # (4,) and that fast down [m/s]
 
 
 def gravity_torque(robot: RobotModel, joint_pos: jax.Array, R_world_base: jax.Array) -> jax.Array:
@@ -64,6 +66,8 @@ def swing_joint_target(
     position, velocity = swing_path(
         swing.lift_off_world, swing.foothold_world, swing.step_height, swing.progress, swing.duration
     )
+    position = position.at[:, 2].add(-swing.depth)
+    velocity = velocity.at[:, 2].add(-swing.descent)
     foot_base = (position - robot_state.base_pos) @ R_world_base
     relative = (velocity - robot_state.base_lin_vel_world) @ R_world_base
     relative -= jnp.cross(robot_state.base_ang_vel_base, foot_base)

@@ -20,7 +20,6 @@ from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
 from agile_jax.simulation.disturbance import (
     Disturbance,
-    Draws,
     disturbed_models,
     draw,
     next_drift,
@@ -34,6 +33,7 @@ from agile_jax.simulation.reference import ReferenceState, plan_reference
 SETTLING = 1.0  # what is not counted at the beginning [s]
 HEIGHT_RATE = 4.0  # climb or crouch per height error [1/s]
 CLIMB = 0.3  # fastest [m/s]
+UNDISTURBED = Disturbance()
 ACCELERATION = (1.5, 1.5, 1.0, 3.0)  # of the reference [m/s^2, rad/s^2]; the expert's default
 
 
@@ -100,7 +100,7 @@ def tracking_loop(robot: RobotModel, settings: ControlSettings, disturbance: Dis
         return sense(sensed, disturbance.noise, state.drift, jax.random.fold_in(draws.key, 4 * state.step))
 
     def init(sensed: Sensed) -> Tracked:
-        state = robot_state(sensed.qpos, sensed.qvel)
+        state = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
         reference = ReferenceState(trunk_pose(sensed), jnp.zeros(4))
         return Tracked(
             controller.init(state),
@@ -117,13 +117,13 @@ def tracking_loop(robot: RobotModel, settings: ControlSettings, disturbance: Dis
         reference_state, reference = plan_reference(
             command_field, (), command, state.reference, trunk_pose(sensed), state.time, acceleration, settings
         )
-        planned = controller.plan(state.controller, robot_state(sensed.qpos, sensed.qvel), reference)
+        planned = controller.plan(state.controller, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact), reference)
         return state._replace(controller=planned, reference=reference_state)
 
     def act(state: Tracked, sensed: Sensed, command: Command, draws: Any) -> Tracked:
         tally = update_tally(state, sensed, command, robot, settings)
         felt = seen(sensed, state, draws)
-        controlled, torque = controller.act(state.controller, robot_state(felt.qpos, felt.qvel))
+        controlled, torque = controller.act(state.controller, robot_state(felt.qpos, felt.qvel, felt.foot_contact))
         if disturbance.torque_noise:
             key = jax.random.fold_in(draws.key, 4 * state.step + 1)
             error = draws.torque_error + jax.random.normal(key, (12,))
@@ -186,7 +186,7 @@ def track_commands(
     duration: float,
     settings: ControlSettings,
     robot_settings: RobotSettings,
-    disturbance: Disturbance = Disturbance(),
+    disturbance: Disturbance = UNDISTURBED,
     *,
     start_height: float,
     seed: int = 0,
@@ -221,7 +221,7 @@ def track_commands(
     loop = loop or tracking_loop(robot, settings, disturbance)
     start = standing_qpos(robot, np.array([0.0, 0.0, start_height, 0.0], np.float32))
     commands = Command(*(jnp.asarray(column, jnp.float32) for column in commands))
-    seen_draws = Draws(*(jnp.asarray(column) for column in draws))
+    seen_draws = jax.tree.map(jnp.asarray, draws)
     plans = round(duration / settings.plan_dt)
     acts = round(settings.plan_dt / settings.control_dt)
     with MujocoPhysics(model, count, threads, disturbed_models(model, disturbance, draws)) as physics:

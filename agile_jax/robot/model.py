@@ -51,6 +51,7 @@ class RobotState(NamedTuple):
     base_ang_vel_base: Array  # (3,) [rad/s]
     joint_pos: Array  # (12,) [rad]
     joint_vel: Array  # (12,) [rad/s]
+    foot_contact: Array | None = None  # (4,) bool: what the feet touch; None where they cannot feel
 
 
 def load_robot(settings: RobotSettings) -> RobotModel:
@@ -79,7 +80,7 @@ def load_robot(settings: RobotSettings) -> RobotModel:
     )
 
 
-def robot_state(qpos: Array, qvel: Array) -> RobotState:
+def robot_state(qpos: Array, qvel: Array, foot_contact: Array | None = None) -> RobotState:
     """Split MuJoCo's coordinates (19,) and velocities (18,) of the robot; leading batch axes are kept."""
     return RobotState(
         base_pos=qpos[..., :3],
@@ -88,4 +89,5 @@ def robot_state(qpos: Array, qvel: Array) -> RobotState:
         base_ang_vel_base=qvel[..., 3:6],
         joint_pos=qpos[..., 7:QPOS_SIZE],
         joint_vel=qvel[..., 6:QVEL_SIZE],
+        foot_contact=foot_contact,
     )

@@ -45,6 +45,6 @@ def mjx_step(model: MjxModel, data: Any, torque: jax.Array) -> tuple[Any, Sensed
         torque: shape (12,) [Nm]; clamped to the limits by the model.
     """
     data = mjx.step(model.model, data.replace(ctrl=torque))
-    obstacle_contact, floor_contact = contact_flags(data.sensordata, model.slots)
+    flags = contact_flags(data.sensordata, model.slots)
     sound = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
-    return data, Sensed(data.qpos, data.qvel, obstacle_contact & sound, floor_contact & sound)
+    return data, Sensed(data.qpos, data.qvel, *(flag & sound for flag in flags))

@@ -53,6 +53,7 @@ class MujocoPhysics:
         self._warmstart = np.zeros((batch, model.nv))  # of the contact solver: the last acceleration [m/s^2, rad/s^2]
         self._obstacle_contact = np.zeros(batch, bool)
         self._floor_contact = np.zeros(batch, bool)
+        self._foot_contact = np.zeros((batch, len(self._slots.feet)), bool)
         threads = min(threads, batch)
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         self._rollout = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
@@ -65,6 +66,7 @@ class MujocoPhysics:
         self._warmstart[chosen] = 0.0
         self._obstacle_contact[chosen] = False
         self._floor_contact[chosen] = False
+        self._foot_contact[chosen] = False
         return self._sensed()
 
     def step(self, torques: np.ndarray, active: np.ndarray | None = None, pushes: np.ndarray | None = None) -> Sensed:
@@ -88,6 +90,7 @@ class MujocoPhysics:
         touches = ~active | self._sound()  # a state that is not finite touches nothing
         self._obstacle_contact &= touches
         self._floor_contact &= touches
+        self._foot_contact &= touches[:, None]
         return self._sensed()
 
     def close(self) -> None:
@@ -125,8 +128,10 @@ class MujocoPhysics:
         velocity = self._qvel[episodes]
         self._state[episodes] = states[:, 0]
         self._warmstart[episodes] = (self._qvel[episodes] - velocity) / self.model.opt.timestep
-        self._obstacle_contact[episodes], self._floor_contact[episodes] = contact_flags(sensordata[:, 0], self._slots)
+        flags = contact_flags(sensordata[:, 0], self._slots)
+        self._obstacle_contact[episodes], self._floor_contact[episodes], self._foot_contact[episodes] = flags
 
     def _sensed(self) -> Sensed:
         # Copies: JAX may use a NumPy array's memory in place, and the next step overwrites it.
-        return Sensed(self._qpos.copy(), self._qvel.copy(), self._obstacle_contact.copy(), self._floor_contact.copy())
+        flags = (self._obstacle_contact, self._floor_contact, self._foot_contact)
+        return Sensed(self._qpos.copy(), self._qvel.copy(), *(flag.copy() for flag in flags))

@@ -134,4 +134,5 @@ def as_float32(sensed: Sensed) -> Sensed:
         jnp.asarray(sensed.qvel, jnp.float32),
         jnp.asarray(sensed.obstacle_contact),
         jnp.asarray(sensed.floor_contact),
+        jnp.asarray(sensed.foot_contact),
     )
