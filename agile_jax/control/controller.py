@@ -96,6 +96,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     constants = mpc_constants(settings.mpc)
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
+    inertia = torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32))
     knee_limit_height = folded_leg(robot) + foot_height
 
     def init(state: RobotState) -> ControllerState:
@@ -220,6 +221,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         torque = torques.whole_body_torque(
             robot,
             settings,
+            inertia,
             robot_state,
             R,
             bears,

@@ -15,7 +15,7 @@ from agile_jax.control.settings import GaitSettings
 TROT_OFFSETS = (0.0, 0.5, 0.5, 0.0)  # FR, FL, RR, RL, as fractions of the period
 WALK_SHIFT = (0.0, 0.0, -0.25, -0.25)
 BLEND_TIME = 1.0  # from trot to walk or back [s]
-GRACE = 0.02  # a foot that is late gets its planned force that long, which brings it down [s]
+GRACE = 0.05  # a foot that is late gets its planned force that long, which brings it down [s]
 
 
 class Gait(NamedTuple):
