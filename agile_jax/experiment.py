@@ -17,10 +17,10 @@ from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment_file import Table, origin, override, read_table
 from agile_jax.expert.settings import ExpertSettings, check_scene
-from agile_jax.files import hash_json
+from agile_jax.files import hash_json, sha256
 from agile_jax.policy.settings import PolicySettings, TrainingSettings
 from agile_jax.report.settings import ReportSettings
-from agile_jax.robot.settings import RobotSettings
+from agile_jax.robot.settings import OWN, RobotSettings, check_envelope
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import Settings
 from agile_jax.sweep.settings import SweepSettings
@@ -78,6 +78,11 @@ class Experiment(Settings):
         return self
 
     @model_validator(mode="after")
+    def _envelope_covers_the_robot(self) -> "Experiment":
+        check_envelope(self.scene.torso_half_size, self.robot)
+        return self
+
+    @model_validator(mode="after")
     def _filter_lets_the_labels_pass(self) -> "Experiment":
         filtered = self.policy.kind == "residual" and self.policy.field_filter and self.scene.obstacles
         if filtered and self.policy.filter_margin >= self.expert.clearance_margin:
@@ -120,7 +125,10 @@ def to_toml(experiment: Experiment) -> str:
 def stage_settings(experiment: Experiment, stage: str) -> dict[str, Any]:
     """The settings on which a stage's result depends, by section: its own and those of the stages before."""
     sections = [section for earlier in STAGES[: STAGES.index(stage) + 1] for section in _READS[earlier]]
-    return experiment.model_dump(mode="json", include=set(sections))
+    settings = experiment.model_dump(mode="json", include=set(sections))
+    if "robot" in settings and experiment.robot.name != OWN:
+        settings["robot"]["file_sha256"] = sha256(pathlib.Path(experiment.robot.name).read_bytes())
+    return settings
 
 
 def stage_hash(experiment: Experiment, stage: str) -> str:

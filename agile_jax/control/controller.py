@@ -14,6 +14,7 @@ import numpy as np
 from agile_jax.control import cone_qp, gait, torques
 from agile_jax.control.centroidal import BodyState
 from agile_jax.control.mpc import MpcConstants, build_qp, mpc_constants
+from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import foothold, forward_reach
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
@@ -93,6 +94,7 @@ def measure(robot: RobotModel, state: RobotState) -> Body:
 
 def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     """Compose gait, MPC, footholds and torques for a robot."""
+    settings = scaled_to(robot, settings)
     constants = mpc_constants(settings.mpc)
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
@@ -122,7 +124,9 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         feet_world = robot_state.base_pos + leg_forward_kinematics(robot, robot_state.joint_pos) @ body.R_world_base.T
 
         speed = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1)).max()
-        clock = gait.schedule(gait_settings, state.gait, speed, at_rest(state, body, robot_state, reference), settings.plan_dt)
+        clock = gait.schedule(
+            gait_settings, state.gait, speed, at_rest(state, body, robot_state, reference), settings.plan_dt
+        )
         footholds = plan_footholds(clock, robot_state, body, reference)
         error = jnp.stack([reference.pose[2] - robot_state.base_pos[2], -body.rpy[0], -body.rpy[1]])
         limit = jnp.array(settings.integral_limit)

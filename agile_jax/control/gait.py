@@ -25,7 +25,9 @@ class Gait(NamedTuple):
     walk: jax.Array  # () 0: trot, 1: walk
     stand: jax.Array  # () bool: stop where all feet are down
     period: jax.Array  # () [s]
-    landed: jax.Array  # (4,) bool: the foot has touched the ground since its last swing, or near the end of the present one
+    landed: (
+        jax.Array
+    )  # (4,) bool: the foot has touched the ground since its last swing, or near the end of the present one
 
 
 def start(settings: GaitSettings) -> Gait:

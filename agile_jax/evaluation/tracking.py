@@ -117,7 +117,9 @@ def tracking_loop(robot: RobotModel, settings: ControlSettings, disturbance: Dis
         reference_state, reference = plan_reference(
             command_field, (), command, state.reference, trunk_pose(sensed), state.time, acceleration, settings
         )
-        planned = controller.plan(state.controller, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact), reference)
+        planned = controller.plan(
+            state.controller, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact), reference
+        )
         return state._replace(controller=planned, reference=reference_state)
 
     def act(state: Tracked, sensed: Sensed, command: Command, draws: Any) -> Tracked:

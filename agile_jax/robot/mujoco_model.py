@@ -1,7 +1,5 @@
 """The robot in its scene as a MuJoCo model: one model for MuJoCo C, MJX and rendering."""
 
-from pathlib import Path
-
 import jax.numpy as jnp
 import mujoco
 import numpy as np
@@ -9,6 +7,7 @@ import numpy as np
 from agile_jax.geometry import wrap_angle
 from agile_jax.robot.constants import LEG_NAMES
 from agile_jax.robot.kinematics import leg_inverse_kinematics
+from agile_jax.robot.mjcf import robot_spec
 from agile_jax.robot.model import Array, RobotModel
 from agile_jax.robot.settings import RobotSettings
 from agile_jax.scene import Scene
@@ -38,7 +37,7 @@ def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> 
         settings: the robot.
         sim_dt: time step of the physics [s].
     """
-    spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name(f"{settings.name}.xml")))
+    spec = robot_spec(settings)
     spec.option.timestep = sim_dt
     spec.visual.global_.offwidth, spec.visual.global_.offheight = IMAGE_SIZE
     _add_floor_and_light(spec)

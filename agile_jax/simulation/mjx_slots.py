@@ -55,7 +55,9 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel) -> MjxLoop:
 
     def init(qpos: jax.Array, limit: jax.Array) -> MjxState:
         touches_nothing = jnp.bool_(False)
-        sensed = Sensed(qpos, jnp.zeros(model.model.nv, qpos.dtype), touches_nothing, touches_nothing, jnp.zeros(4, bool))
+        sensed = Sensed(
+            qpos, jnp.zeros(model.model.nv, qpos.dtype), touches_nothing, touches_nothing, jnp.zeros(4, bool)
+        )
         return MjxState(mjx_reset(model, qpos), loop.init(sensed, limit), sensed, jnp.int32(0))
 
     def begin(mask: jax.Array, qpos: jax.Array, limits: jax.Array, states: MjxState) -> MjxState:

@@ -1,0 +1,319 @@
+"""Any quadruped with three joints a leg, rebuilt from its compiled MJCF in the names and the order of this package.
+
+The result has 13 links (bodies fixed to a link become part of it), joints FR_abad, FR_hip, FR_knee, ... that turn about
++x, +y, +y, torque motors, and collision bits as robot/a1.xml has them. Everything else of the file (sensors, keyframes,
+textures, scene) is left behind.
+
+    trunk --x--> abad --y--> hip --y--> knee --> foot (a sphere)
+
+Link frames have their origin on the joint's axis and, at zero angles, the trunk's directions; the trunk's origin is midway
+between the abad axes.
+"""
+
+import pathlib
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from agile_jax.robot.constants import JOINT_NAMES, LEG_NAMES
+from agile_jax.robot.settings import OWN, RobotSettings
+from agile_jax.settings import BadInput
+
+STRAIGHT = 5e-3  # how far hip, knee and foot of a leg at zero angles may be from one vertical line [m]
+UNLIMITED = np.pi  # stands for a joint without limits [rad]
+_GEOMS = {  # that can be copied
+    mujoco.mjtGeom.mjGEOM_SPHERE,
+    mujoco.mjtGeom.mjGEOM_CAPSULE,
+    mujoco.mjtGeom.mjGEOM_ELLIPSOID,
+    mujoco.mjtGeom.mjGEOM_CYLINDER,
+    mujoco.mjtGeom.mjGEOM_BOX,
+    mujoco.mjtGeom.mjGEOM_MESH,
+}
+_OBSTACLES, _FLOOR_AND_OBSTACLES = 2, 3  # conaffinity, as in a1.xml: shins do not collide with the floor
+
+
+class Leg(NamedTuple):
+    """One leg of the source model; joints abad, hip, knee."""
+
+    joints: list[int]
+    signs: np.ndarray  # (3,) of their axes against +x, +y, +y
+    foot: int  # geom
+
+
+def robot_spec(settings: RobotSettings) -> mujoco.MjSpec:
+    """The robot alone, without a scene.
+
+    Raises:
+        BadInput: the file cannot be read, or is no such quadruped; with the reason.
+    """
+    if settings.name == OWN:
+        return mujoco.MjSpec.from_file(str(pathlib.Path(__file__).with_name(f"{OWN}.xml")))
+    path = pathlib.Path(settings.name)
+    if not path.is_file():
+        raise BadInput(f"robot.name = {settings.name!r}: neither {OWN!r} nor an MJCF file")
+    try:
+        source = mujoco.MjModel.from_xml_path(str(path))
+    except ValueError as error:
+        raise BadInput(f"robot.name = {settings.name!r}: MuJoCo refuses it: {' '.join(str(error).split())}") from None
+    try:
+        return _rebuild(source, settings)
+    except BadInput as error:
+        raise BadInput(f"robot.name = {settings.name!r}: {error}") from None
+
+
+def _rebuild(source: mujoco.MjModel, settings: RobotSettings) -> mujoco.MjSpec:
+    data = mujoco.MjData(source)
+    legs = [_leg(source, data, settings, leg) for leg in settings.legs]
+    trunk = _trunk(source, legs, settings)
+    data.qpos[:] = 0.0
+    data.qpos[source.jnt_qposadr[source.body_jntadr[trunk]] + 3] = 1.0
+    mujoco.mj_forward(source, data)
+    for name, leg in zip(settings.legs, legs, strict=True):
+        _check_straight(source, data, name, leg)
+
+    spec = mujoco.MjSpec()
+    spec.compiler.degree = False
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
+    spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
+    spec.option.iterations, spec.option.ls_iterations = 10, 10
+    spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
+    spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
+    origin = np.mean([data.xanchor[leg.joints[0]] for leg in legs], 0)
+    origin[2] = np.mean([data.xanchor[leg.joints[0], 2] for leg in legs])
+    links = {joint: source.jnt_bodyid[joint] for leg in legs for joint in leg.joints}
+    owner = _owners(source, [trunk, *links.values()])
+
+    body = spec.worldbody.add_body(name="trunk", pos=[0.0, 0.0, 1.0])
+    body.add_freejoint(name="base")
+    _fill(
+        spec,
+        source,
+        data,
+        body,
+        [b for b in range(source.nbody) if owner[b] == trunk],
+        origin,
+        _FLOOR_AND_OBSTACLES,
+        None,
+    )
+    for name, leg in zip(LEG_NAMES, legs, strict=True):
+        parent, before = body, origin
+        foot = data.geom_xpos[leg.foot]
+        places = _joint_places(data, leg, foot)
+        for k, (joint, place) in enumerate(zip(leg.joints, places, strict=True)):
+            link = parent.add_body(name=f"{name}_{('hip', 'thigh', 'calf')[k]}", pos=place - before)
+            low, high = source.jnt_range[joint] if source.jnt_limited[joint] else (-UNLIMITED, UNLIMITED)
+            if leg.signs[k] < 0:
+                low, high = -high, -low
+            if k == 2:
+                high = min(high, 0.0)
+                if low >= high:
+                    raise BadInput(
+                        f"leg {name}: its knee must bend backward, but its range is [{low:.3g}, {high:.3g}] rad"
+                    )
+            dof = source.jnt_dofadr[joint]
+            link.add_joint(
+                name=f"{name}_{JOINT_NAMES[k]}",
+                axis=[1, 0, 0] if k == 0 else [0, 1, 0],
+                range=[low, high],
+                limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+                damping=source.dof_damping[dof],
+                armature=source.dof_armature[dof],
+                frictionloss=source.dof_frictionloss[dof],
+            )
+            members = [b for b in range(source.nbody) if owner[b] == links[joint]]
+            affinity = _OBSTACLES if k == 2 else _FLOOR_AND_OBSTACLES
+            _fill(spec, source, data, link, members, place, affinity, leg.foot, name)
+            limit = _torque_limit(source, joint)
+            spec.add_actuator(
+                name=f"{name}_{JOINT_NAMES[k]}",
+                trntype=mujoco.mjtTrn.mjTRN_JOINT,
+                target=f"{name}_{JOINT_NAMES[k]}",
+                ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+                ctrlrange=[-limit, limit],
+            )
+            parent, before = link, place
+    return spec
+
+
+def _leg(source: mujoco.MjModel, data: mujoco.MjData, settings: RobotSettings, leg: str) -> Leg:
+    names = [pattern.format(leg=leg) for pattern in settings.joints]
+    joints = [mujoco.mj_name2id(source, mujoco.mjtObj.mjOBJ_JOINT, name) for name in names]
+    missing = [name for name, joint in zip(names, joints, strict=True) if joint < 0]
+    if missing:
+        there = [source.joint(i).name for i in range(source.njnt)]
+        raise BadInput(f"has no joint {', '.join(missing)}; it has {', '.join(there)}. Set robot.legs and robot.joints")
+    bodies = [int(source.jnt_bodyid[joint]) for joint in joints]
+    for parent, child, name in zip(bodies, bodies[1:], names[1:], strict=False):
+        if not _is_below(source, child, parent):
+            raise BadInput(f"joint {name} is not below {names[names.index(name) - 1]} in the tree")
+    below = [i for i in range(source.njnt) if _is_below(source, int(source.jnt_bodyid[i]), bodies[0])]
+    if len(below) != 3:
+        found = ", ".join(source.joint(i).name for i in below)
+        raise BadInput(f"leg {leg} has {len(below)} joints ({found}); it must have 3")
+    mujoco.mj_resetData(source, data)
+    data.qpos[:] = 0.0
+    data.qpos[3] = 1.0
+    mujoco.mj_forward(source, data)
+    signs = []
+    for joint, name, axis in zip(joints, names, np.array([[1, 0, 0], [0, 1, 0], [0, 1, 0]]), strict=True):
+        along = float(data.xaxis[joint] @ axis)
+        if source.jnt_type[joint] != mujoco.mjtJoint.mjJNT_HINGE or abs(along) < 0.999:
+            raise BadInput(
+                f"joint {name} must be a hinge about {'x' if axis[0] else 'y'}; its axis is {data.xaxis[joint]}"
+            )
+        signs.append(np.sign(along))
+    return Leg(joints, np.array(signs), _foot(source, data, bodies[2], leg))
+
+
+def _foot(source: mujoco.MjModel, data: mujoco.MjData, calf: int, leg: str) -> int:
+    """The lowest sphere at the calf that collides."""
+    spheres = [
+        i
+        for i in range(source.ngeom)
+        if source.geom_type[i] == mujoco.mjtGeom.mjGEOM_SPHERE
+        and (source.geom_contype[i] or source.geom_conaffinity[i])
+        and _is_below(source, int(source.geom_bodyid[i]), calf)
+    ]
+    if not spheres:
+        raise BadInput(f"leg {leg} has no foot: no sphere that collides at its calf")
+    return min(spheres, key=lambda i: data.geom_xpos[i, 2])
+
+
+def _trunk(source: mujoco.MjModel, legs: list[Leg], settings: RobotSettings) -> int:
+    """The body that carries the legs, with the one joint that is no leg's."""
+    parents = {int(source.body_parentid[source.jnt_bodyid[leg.joints[0]]]) for leg in legs}
+    trunk = parents.pop()
+    if parents:
+        raise BadInput("its legs hang on different bodies")
+    free = source.body_jntnum[trunk] == 1 and source.jnt_type[source.body_jntadr[trunk]] == mujoco.mjtJoint.mjJNT_FREE
+    if not free:
+        raise BadInput(f"its trunk {source.body(trunk).name!r} has no free joint")
+    if source.njnt != 13:
+        known = {joint for leg in legs for joint in leg.joints} | {int(source.body_jntadr[trunk])}
+        others = [source.joint(i).name for i in range(source.njnt) if i not in known]
+        raise BadInput(f"it has joints besides its legs': {', '.join(others)}")
+    return trunk
+
+
+def _joint_places(data: mujoco.MjData, leg: Leg, foot: np.ndarray) -> list[np.ndarray]:
+    """Origins of the leg's links, each moved along its joint's axis into the plane of the foot or above it."""
+    abad, hip, knee = data.xanchor[leg.joints]
+    return [
+        np.array([hip[0], abad[1], abad[2]]),
+        np.array([hip[0], foot[1], hip[2]]),
+        np.array([knee[0], foot[1], knee[2]]),
+    ]
+
+
+def _check_straight(source: mujoco.MjModel, data: mujoco.MjData, name: str, leg: Leg) -> None:
+    foot = data.geom_xpos[leg.foot]
+    abad, hip, knee = _joint_places(data, leg, foot)
+    off = max(abs(hip[2] - abad[2]), abs(knee[0] - hip[0]), abs(foot[0] - knee[0]))
+    if off > STRAIGHT or not hip[2] > knee[2] > foot[2]:
+        raise BadInput(
+            f"leg {name} does not hang straight down at zero angles: hip, knee and foot are at "
+            f"{hip.round(3)}, {knee.round(3)}, {foot.round(3)} m"
+        )
+
+
+def _torque_limit(source: mujoco.MjModel, joint: int) -> float:
+    """The smallest limit that the file gives [Nm]."""
+    limits = [source.jnt_actfrcrange[joint]] if source.jnt_actfrclimited[joint] else []
+    for i in range(source.nu):
+        if source.actuator_trntype[i] == mujoco.mjtTrn.mjTRN_JOINT and source.actuator_trnid[i, 0] == joint:
+            gear = abs(source.actuator_gear[i, 0])
+            if source.actuator_forcelimited[i]:
+                limits.append(gear * source.actuator_forcerange[i])
+            direct = source.actuator_biastype[i] == mujoco.mjtBias.mjBIAS_NONE
+            if direct and source.actuator_ctrllimited[i]:
+                limits.append(gear * source.actuator_gainprm[i, 0] * source.actuator_ctrlrange[i])
+    limit = min((float(np.abs(pair).min()) for pair in limits), default=0.0)
+    if limit <= 0:
+        raise BadInput(f"joint {source.joint(joint).name} has no torque limit: no motor with a ctrlrange or forcerange")
+    return limit
+
+
+def _is_below(source: mujoco.MjModel, body: int, ancestor: int) -> bool:
+    while body > 0 and body != ancestor:
+        body = int(source.body_parentid[body])
+    return body == ancestor
+
+
+def _owners(source: mujoco.MjModel, links: list[int]) -> list[int]:
+    """The link that each body is, or is fixed to; 0 for what stands in the world."""
+    owners = []
+    for body in range(source.nbody):
+        while body > 0 and body not in links:
+            body = int(source.body_parentid[body])  # noqa: PLW2901
+        owners.append(body)
+    return owners
+
+
+def _fill(
+    spec: mujoco.MjSpec,
+    source: mujoco.MjModel,
+    data: mujoco.MjData,
+    body: mujoco.MjsBody,
+    members: list[int],
+    origin: np.ndarray,
+    affinity: int,
+    foot: int | None,
+    leg: str = "",
+) -> None:
+    """Mass and geoms of some bodies of the source, as seen at zero angles."""
+    masses = source.body_mass[members]
+    mass = masses.sum()
+    if mass <= 0:
+        raise BadInput(f"{body.name} has no mass")
+    center = masses @ data.xipos[members] / mass
+    inertia = np.zeros((3, 3))
+    for member in members:
+        axes, arm = data.ximat[member].reshape(3, 3), data.xipos[member] - center
+        inertia += axes @ np.diag(source.body_inertia[member]) @ axes.T
+        inertia += source.body_mass[member] * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    body.mass, body.ipos, body.explicitinertial = mass, center - origin, True
+    body.fullinertia = inertia[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
+    count = 0
+    for i in range(source.ngeom):
+        kind = mujoco.mjtGeom(int(source.geom_type[i]))
+        if source.geom_bodyid[i] not in members or kind not in _GEOMS:
+            continue
+        collides = bool(source.geom_contype[i] or source.geom_conaffinity[i])
+        quat = np.empty(4)
+        mujoco.mju_mat2Quat(quat, data.geom_xmat[i])
+        material = source.geom_matid[i]
+        geom = body.add_geom(
+            type=kind,
+            size=source.geom_size[i],
+            pos=data.geom_xpos[i] - origin,
+            quat=quat,
+            rgba=source.mat_rgba[material] if material >= 0 else source.geom_rgba[i],
+            contype=0,
+            conaffinity=affinity if collides else 0,
+            condim=1,
+            group=3 if collides else 2,
+            mass=0,
+        )
+        if kind == mujoco.mjtGeom.mjGEOM_MESH:
+            geom.meshname = _mesh(spec, source, int(source.geom_dataid[i]))
+        if collides:
+            geom.name = f"{body.name}_{count}"
+            count += 1
+        if i == foot:
+            geom.name, geom.condim, geom.conaffinity, geom.priority = f"{leg}_foot", 3, _FLOOR_AND_OBSTACLES, 1
+            geom.friction = source.geom_friction[i]
+
+
+def _mesh(spec: mujoco.MjSpec, source: mujoco.MjModel, index: int) -> str:
+    """The mesh in the new model, added when it is first used."""
+    name = f"mesh_{index}"
+    if not any(mesh.name == name for mesh in spec.meshes):
+        first, count = source.mesh_vertadr[index], source.mesh_vertnum[index]
+        face, faces = source.mesh_faceadr[index], source.mesh_facenum[index]
+        spec.add_mesh(
+            name=name,
+            uservert=source.mesh_vert[first : first + count].ravel(),
+            userface=source.mesh_face[face : face + faces].ravel(),
+        )
+    return name
