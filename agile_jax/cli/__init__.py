@@ -24,7 +24,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
     "compare": ("RUN_DIR RUN_DIR", "two evaluations from the same starts, paired"),
-    "benchmark": ("expert [EXPERIMENT.toml]", "speed and quality against the peers"),
+    "benchmark": ("expert | tracking [EXPERIMENT.toml]", "the expert against its peers; the controller"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout", "compare")  # these import mujoco

@@ -74,6 +74,20 @@ class BenchmarkOptions:
     """Write all numbers there, for example benchmark.json."""
 
 
+@dataclasses.dataclass(frozen=True)
+class TrackingOptions:
+    """How the controller follows commands, and what it survives."""
+
+    episodes: int = 200
+    """Random commands of every row."""
+    duration: float = 10.0
+    """Of a tracking episode [s]."""
+    disturbed_duration: float = 5.0
+    """Of an episode with a disturbance [s]."""
+    output: pathlib.Path | None = None
+    """Write all numbers there, for example tracking.json."""
+
+
 def run(argv: list[str]) -> int:
     """`agile run`: all stages."""
     return _run_stages("run", "report", argv)
@@ -168,10 +182,14 @@ def benchmark(argv: list[str]) -> int:
     subject, *rest = argv or [""]
     if subject in ("-h", "--help"):
         print("usage: agile benchmark expert [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
-        print("Solve the same starts with the expert and with its peers, in one thread, and print the ratios.")
+        print("Solve the same starts with the expert and with its peers, in one thread, and print the ratios.\n")
+        print("usage: agile benchmark tracking [EXPERIMENT.toml] [--episodes N] [--output FILE.json]\n")
+        print("Random commands on flat ground, disturbed and not: velocity and height errors, falls.")
         return DONE
+    if subject == "tracking":
+        return _benchmark_tracking(rest)
     if subject != "expert":
-        raise BadInput(f"which benchmark? There is: expert{f', not {subject}' if subject else ''}")
+        raise BadInput(f"which benchmark? There are: expert, tracking{f', not {subject}' if subject else ''}")
     from agile_jax.benchmark import TABLE, benchmark_expert, report
     from agile_jax.files import write_json
 
@@ -180,6 +198,25 @@ def benchmark(argv: list[str]) -> int:
         raise BadInput(f"starts = {options.starts} must be at least 1")
     with _progress() as progress:
         result = benchmark_expert(experiment, options.starts, progress)
+    print(report(result))
+    if options.output is not None:
+        options.output.parent.mkdir(parents=True, exist_ok=True)
+        write_json(options.output, result)
+    return DONE
+
+
+def _benchmark_tracking(argv: list[str]) -> int:
+    from agile_jax.benchmark import TABLE
+    from agile_jax.benchmark.tracking import benchmark_tracking, report
+    from agile_jax.files import write_json
+
+    experiment, options = parse_experiment("benchmark tracking", TrackingOptions(), argv, TABLE)
+    if options.episodes < 1 or min(options.duration, options.disturbed_duration) <= 0:
+        raise BadInput("episodes and durations must be positive")
+    with _progress() as progress:
+        result = benchmark_tracking(
+            experiment, options.episodes, options.duration, options.disturbed_duration, progress=progress
+        )
     print(report(result))
     if options.output is not None:
         options.output.parent.mkdir(parents=True, exist_ok=True)

@@ -6,8 +6,8 @@ textures, scene) is left behind.
 
     trunk --x--> abad --y--> hip --y--> knee --> foot (a sphere)
 
-Link frames have their origin on the joint's axis and, at zero angles, the trunk's directions; the trunk's origin is midway
-between the abad axes.
+Link frames have their origin on the joint's axis and, at zero angles, the trunk's directions; the trunk's origin is
+midway between the abad axes.
 """
 
 import pathlib
@@ -245,7 +245,7 @@ def _owners(source: mujoco.MjModel, links: list[int]) -> list[int]:
     owners = []
     for body in range(source.nbody):
         while body > 0 and body not in links:
-            body = int(source.body_parentid[body])  # noqa: PLW2901
+            body = int(source.body_parentid[body])
         owners.append(body)
     return owners
 

@@ -14,7 +14,7 @@ OWN = "a1"
 
 
 class RobotSettings(Settings):
-    """Which robot: "a1", the Unitree A1, 12.453 kg, twelve torque-controlled joints (robot/a1.xml), or a path to an MJCF.
+    """Which robot: "a1", the Unitree A1, 12.453 kg, twelve torque-controlled joints (robot/a1.xml), or an MJCF's path.
 
     Another robot has a free trunk and four legs of three joints: abad about x, hip and knee about y, the knee bending
     backward, the leg hanging straight down at zero angles (robot/mjcf.py).

@@ -1,8 +1,8 @@
 """The published constants are those of the compiled MuJoCo model, one by one."""
 
+import a1_published as published
 import mujoco
 import numpy as np
-import a1_published as published
 import pytest
 
 from agile_jax.robot import JOINT_NAMES, LEG_NAMES, RobotSettings, build_mujoco_model, load_robot
