@@ -1,10 +1,10 @@
 """`agile benchmark tracking`: does the controller do what it is told, and does it survive what it does not know?
 
-Random commands on flat ground in C MuJoCo, every episode from standing at 0.28 m. Tracking: the command is met where the
-robot does not fall, the velocity error in the plane is at most 0.1 m/s (root mean square over all physics steps) and the
-height is never further than 1 cm from the commanded one; both from one second after the start. Robustness: the same
-commands with one disturbance each, of physics, actuation or sensing, that the controller is not told about
-(simulation/disturbance.py); counted is who does not fall. Intervals are Wilson's at 95 %.
+Random commands on flat ground in C MuJoCo, every episode from standing at 0.28 m. Tracking: the command is met
+where the robot does not fall, the velocity error in the plane is at most 0.1 m/s (root mean square over all physics
+steps) and the height is never further than 1 cm from the commanded one; both from one second after the start.
+Robustness: the same commands with one disturbance each, of physics, actuation or sensing, that the controller is not
+told about (simulation/disturbance.py); counted is who does not fall. Intervals are Wilson's at 95 %.
 """
 
 from typing import Any, NamedTuple
@@ -48,10 +48,11 @@ ROBUSTNESS = {
     "trunk's mass 20 % more or less": Disturbance(trunk_mass=0.2),
     "trunk's centre of mass 3 cm off": Disturbance(com_offset=0.03),
     "torque noise 5 %": Disturbance(torque_noise=0.05),
-    # Xsens MTi-30: 0.5 degrees of roll and pitch moving, 1 of yaw; gyroscope 0.007 degrees/s/sqrt(Hz) at 255 Hz (MTi-1).
+    # Xsens: the MTi-30's 0.5 degrees of roll and pitch moving, 1 of yaw; the MTi-1's gyroscope, 0.007 deg/s/sqrt(Hz)
+    # over 255 Hz.
     "noise of an IMU": Disturbance(noise=SensorNoise((0.5 * DEGREE, 0.5 * DEGREE, DEGREE), 0.002)),
-    # MuJoCo Playground's observation noise for the Go1 is uniform: gravity 0.05, gyroscope 0.2, velocity 0.1, joints 0.03
-    # and 1.5. The same standard deviations, at every control step.
+    # MuJoCo Playground's observation noise for the Go1 is uniform: gravity 0.05, gyroscope 0.2, velocity 0.1, joints
+    # 0.03 and 1.5. Here normal, with the same standard deviations, anew at every step but for the orientation.
     "noise of MuJoCo Playground": Disturbance(noise=SensorNoise((0.03, 0.03, 0.0), 0.115, 0.058, 0.0173, 0.87)),
     "control delay of 10 ms": Disturbance(delay=0.01),
 }

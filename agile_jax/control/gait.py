@@ -1,9 +1,9 @@
 """The gait: which feet stand when, by the clock and by what they touch.
 
-One phase in [0, 1) drives all legs, each with its own offset. The trot moves diagonal legs together. The walk moves one
-leg at a time (rear right, front right, rear left, front left); it is the trot with the rear legs shifted by a quarter, so that
-the two blend by shifting. The robot stands by stopping the phase where all feet are down (0 or 1/2), and goes on from
-there.
+One phase in [0, 1) drives all legs, each with its own offset. The trot moves diagonal legs together. The walk moves
+one leg at a time (rear right, front right, rear left, front left); it is the trot with the rear legs shifted by a
+quarter, so that the two blend by shifting. The robot stands by stopping the phase where all feet are down (0 or 1/2),
+and goes on from there.
 """
 
 from typing import NamedTuple

@@ -78,10 +78,8 @@ def swing_path(
         return s * s * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s
 
     way = (touch_down - lift_off)[..., :2]
-    planar = [
-        lift_off[..., :2] + way * share[..., None] if k == 0 else way * share[..., None]
-        for k, share in enumerate(smooth(progress))
-    ]
+    planar = [way * share[..., None] for share in smooth(progress)]
+    planar[0] += lift_off[..., :2]
     apex = jnp.maximum(lift_off[..., 2], touch_down[..., 2]) + height
     rising = progress < 0.5
     rise = smooth(jnp.clip(2 * progress, 0.0, 1.0))

@@ -111,6 +111,10 @@ class MjxSlots:
         outcome = jax.tree.map(lambda values: np.asarray(values)[slots], episode.outcome)
         return Rollout(outcome, np.asarray(episode.controller.mpc_failures)[slots], plans[slots])
 
+    def snapshot(self) -> tuple[np.ndarray, Sample]:
+        """The states of all slots after each plan of the last segment, still on the device."""
+        return np.asarray(self._running), self._samples
+
     def samples(self, slot: int) -> list[Sample]:
         """The states of one slot after the plans of the last segment."""
         samples = jax.tree.map(lambda values: np.asarray(values[slot]), self._samples)
