@@ -22,6 +22,7 @@ from agile_jax.robot import RobotModel, RobotState, composite_inertia, leg_forwa
 
 SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
 REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
+FOLDED, UPRIGHT = 0.5, 0.6  # height over leg length between which the swing's feed-forward fades in
 REACH_DEPTH = 0.05  # below the floor's height, at most [m]
 # The robot stands where its reference hardly moves and its own motion is below these; once it stands, twice as much.
 REST_SPEED, REST_YAW_RATE = 0.15, 0.1  # of the body [m/s], of the reference [rad/s]
@@ -99,6 +100,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
     inertia = torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32))
+    leg_length = robot.thigh_length + robot.calf_length
     knee_limit_height = folded_leg(robot) + foot_height
 
     def init(state: RobotState) -> ControllerState:
@@ -225,7 +227,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         torque = torques.whole_body_torque(
             robot,
             settings,
-            inertia,
+            inertia * feed_forward_share(robot_state.base_pos[2] / leg_length),
             robot_state,
             R,
             bears,
@@ -244,6 +246,15 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         return state._replace(gait=following, lift_off_world=lift_off), torque
 
     return Controller(init, plan, act)
+
+
+def feed_forward_share(crouch: jax.Array) -> jax.Array:
+    """Share of the swing's inertia that is fed forward, for the trunk's height over the leg's length.
+
+    A folded leg that follows its path exactly raises its knee above the trunk while the foot is still behind, and hits
+    what the robot crawls under; by PD alone it lags and stays low.
+    """
+    return jnp.clip((crouch - FOLDED) / (UPRIGHT - FOLDED), 0.0, 1.0)
 
 
 def folded_leg(robot: RobotModel) -> float:

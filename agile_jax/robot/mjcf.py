@@ -63,12 +63,13 @@ def robot_spec(settings: RobotSettings) -> mujoco.MjSpec:
 
 
 def _rebuild(source: mujoco.MjModel, settings: RobotSettings) -> mujoco.MjSpec:
+    joints = [_joints(source, settings, leg) for leg in settings.legs]
+    trunk = _trunk(source, joints)
     data = mujoco.MjData(source)
-    legs = [_leg(source, data, settings, leg) for leg in settings.legs]
-    trunk = _trunk(source, legs, settings)
     data.qpos[:] = 0.0
     data.qpos[source.jnt_qposadr[source.body_jntadr[trunk]] + 3] = 1.0
     mujoco.mj_forward(source, data)
+    legs = [_leg(source, data, name, own) for name, own in zip(settings.legs, joints, strict=True)]
     for name, leg in zip(settings.legs, legs, strict=True):
         _check_straight(source, data, name, leg)
 
@@ -136,7 +137,8 @@ def _rebuild(source: mujoco.MjModel, settings: RobotSettings) -> mujoco.MjSpec:
     return spec
 
 
-def _leg(source: mujoco.MjModel, data: mujoco.MjData, settings: RobotSettings, leg: str) -> Leg:
+def _joints(source: mujoco.MjModel, settings: RobotSettings, leg: str) -> list[int]:
+    """Abad, hip and knee of one leg, each below the one before."""
     names = [pattern.format(leg=leg) for pattern in settings.joints]
     joints = [mujoco.mj_name2id(source, mujoco.mjtObj.mjOBJ_JOINT, name) for name in names]
     missing = [name for name, joint in zip(names, joints, strict=True) if joint < 0]
@@ -144,17 +146,18 @@ def _leg(source: mujoco.MjModel, data: mujoco.MjData, settings: RobotSettings, l
         there = [source.joint(i).name for i in range(source.njnt)]
         raise BadInput(f"has no joint {', '.join(missing)}; it has {', '.join(there)}. Set robot.legs and robot.joints")
     bodies = [int(source.jnt_bodyid[joint]) for joint in joints]
-    for parent, child, name in zip(bodies, bodies[1:], names[1:], strict=False):
-        if not _is_below(source, child, parent):
-            raise BadInput(f"joint {name} is not below {names[names.index(name) - 1]} in the tree")
+    for k in (1, 2):
+        if bodies[k] == bodies[k - 1] or not _is_below(source, bodies[k], bodies[k - 1]):
+            raise BadInput(f"joint {names[k]} is not below {names[k - 1]} in the tree")
     below = [i for i in range(source.njnt) if _is_below(source, int(source.jnt_bodyid[i]), bodies[0])]
     if len(below) != 3:
         found = ", ".join(source.joint(i).name for i in below)
         raise BadInput(f"leg {leg} has {len(below)} joints ({found}); it must have 3")
-    mujoco.mj_resetData(source, data)
-    data.qpos[:] = 0.0
-    data.qpos[3] = 1.0
-    mujoco.mj_forward(source, data)
+    return joints
+
+
+def _leg(source: mujoco.MjModel, data: mujoco.MjData, leg: str, joints: list[int]) -> Leg:
+    names = [source.joint(joint).name for joint in joints]
     signs = []
     for joint, name, axis in zip(joints, names, np.array([[1, 0, 0], [0, 1, 0], [0, 1, 0]]), strict=True):
         along = float(data.xaxis[joint] @ axis)
@@ -163,7 +166,7 @@ def _leg(source: mujoco.MjModel, data: mujoco.MjData, settings: RobotSettings, l
                 f"joint {name} must be a hinge about {'x' if axis[0] else 'y'}; its axis is {data.xaxis[joint]}"
             )
         signs.append(np.sign(along))
-    return Leg(joints, np.array(signs), _foot(source, data, bodies[2], leg))
+    return Leg(joints, np.array(signs), _foot(source, data, int(source.jnt_bodyid[joints[2]]), leg))
 
 
 def _foot(source: mujoco.MjModel, data: mujoco.MjData, calf: int, leg: str) -> int:
@@ -180,9 +183,9 @@ def _foot(source: mujoco.MjModel, data: mujoco.MjData, calf: int, leg: str) -> i
     return min(spheres, key=lambda i: data.geom_xpos[i, 2])
 
 
-def _trunk(source: mujoco.MjModel, legs: list[Leg], settings: RobotSettings) -> int:
+def _trunk(source: mujoco.MjModel, legs: list[list[int]]) -> int:
     """The body that carries the legs, with the one joint that is no leg's."""
-    parents = {int(source.body_parentid[source.jnt_bodyid[leg.joints[0]]]) for leg in legs}
+    parents = {int(source.body_parentid[source.jnt_bodyid[joints[0]]]) for joints in legs}
     trunk = parents.pop()
     if parents:
         raise BadInput("its legs hang on different bodies")
@@ -190,7 +193,7 @@ def _trunk(source: mujoco.MjModel, legs: list[Leg], settings: RobotSettings) -> 
     if not free:
         raise BadInput(f"its trunk {source.body(trunk).name!r} has no free joint")
     if source.njnt != 13:
-        known = {joint for leg in legs for joint in leg.joints} | {int(source.body_jntadr[trunk])}
+        known = {joint for joints in legs for joint in joints} | {int(source.body_jntadr[trunk])}
         others = [source.joint(i).name for i in range(source.njnt) if i not in known]
         raise BadInput(f"it has joints besides its legs': {', '.join(others)}")
     return trunk

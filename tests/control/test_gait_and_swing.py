@@ -12,9 +12,10 @@ from agile_jax.robot import RobotSettings, leg_inverse_kinematics, load_robot
 SETTINGS = GaitSettings()
 
 
-def at_phase(phase: float, walk: float = 0.0, stand: bool = False, **settings: float) -> gait.Gait:
-    begun = gait.start(GaitSettings.model_validate(settings))
-    return begun._replace(phase=jnp.float32(phase), walk=jnp.float32(walk), stand=jnp.bool_(stand))
+def at_phase(phase: float, walk: float = 0.0, stand: bool = False) -> gait.Gait:
+    begun = gait.start(SETTINGS)
+    now = begun._replace(phase=jnp.float32(phase), walk=jnp.float32(walk), stand=jnp.bool_(stand))
+    return now._replace(landed=gait.scheduled(SETTINGS, now))
 
 
 def schedule_over_a_cycle(walk: float) -> np.ndarray:
@@ -56,9 +57,9 @@ def test_standing_stops_with_all_feet_down_and_goes_on_from_there(walk: float):
 
 def test_early_contact_makes_a_foot_stand_only_late_in_its_swing():
     touching = jnp.array([False, True, True, False])
-    begins = at_phase(0.1)._replace(landed=jnp.array([True, False, False, True]))  # FL and RR swing: progress 0.11
+    begins = at_phase(0.1)  # FL and RR swing: progress 0.11
     assert not gait.standing(SETTINGS, gait.advance(SETTINGS, begins, 0.002, touching))[1]
-    ends = at_phase(0.4)._replace(landed=jnp.array([True, False, False, True]))  # progress 0.78
+    ends = at_phase(0.4)  # progress 0.78
     landed = gait.advance(SETTINGS, ends, 0.002, touching)
     assert gait.standing(SETTINGS, landed).all()
     # It stays so without touching, and the MPC counts on it until its stance is over.
@@ -68,8 +69,7 @@ def test_early_contact_makes_a_foot_stand_only_late_in_its_swing():
 
 
 def test_a_foot_that_misses_the_ground_reaches_further_and_bears_nothing():
-    missing = at_phase(0.3)._replace(landed=jnp.array([False, True, True, False]))
-    missing = missing._replace(landed=jnp.array([False, False, False, True]))
+    missing = at_phase(0.3)._replace(landed=jnp.array([False, False, False, True]))  # FR is missing
     late = np.array(gait.late_by(SETTINGS, missing))
     assert late[0] == pytest.approx(0.3 * SETTINGS.period - gait.GRACE, abs=1e-6)
     assert not late[1:].any()
