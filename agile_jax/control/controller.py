@@ -16,13 +16,12 @@ from agile_jax.control.centroidal import BodyState
 from agile_jax.control.mpc import MpcConstants, build_qp, mpc_constants
 from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import ControlSettings
-from agile_jax.control.swing import foothold, forward_reach
+from agile_jax.control.swing import feed_forward_share, folded_leg, foothold, forward_reach
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
 from agile_jax.robot import RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 
 SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
 REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
-FOLDED, UPRIGHT = 0.5, 0.6  # height over leg length between which the swing's feed-forward fades in
 REACH_DEPTH = 0.05  # below the floor's height, at most [m]
 # The robot stands where its reference hardly moves and its own motion is below these; once it stands, twice as much.
 REST_SPEED, REST_YAW_RATE = 0.15, 0.1  # of the body [m/s], of the reference [rad/s]
@@ -246,21 +245,6 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         return state._replace(gait=following, lift_off_world=lift_off), torque
 
     return Controller(init, plan, act)
-
-
-def feed_forward_share(crouch: jax.Array) -> jax.Array:
-    """Share of the swing's inertia that is fed forward, for the trunk's height over the leg's length.
-
-    A folded leg that follows its path exactly raises its knee above the trunk while the foot is still behind, and hits
-    what the robot crawls under; by PD alone it lags and stays low.
-    """
-    return jnp.clip((crouch - FOLDED) / (UPRIGHT - FOLDED), 0.0, 1.0)
-
-
-def folded_leg(robot: RobotModel) -> float:
-    """Shortest distance from hip to foot, the knee at its limit [m]."""
-    l1, l2, knee = robot.thigh_length, robot.calf_length, robot.joint_lower[2]
-    return float(np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * np.cos(knee)))
 
 
 def body_in_yaw_frame(robot_state: RobotState, body: Body, R_yaw: jax.Array) -> BodyState:

@@ -2,8 +2,12 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from agile_jax.control.centroidal import GRAVITY
+from agile_jax.robot import RobotModel
+
+FOLDED, UPRIGHT = 0.5, 0.6  # height over leg length between which the swing's feed-forward fades in
 
 
 def foothold(
@@ -54,6 +58,21 @@ def forward_reach(
     """
     back = jnp.sqrt(jnp.maximum(thigh_length**2 - (hip_height - knee_clearance) ** 2, 0.0))
     return jnp.sqrt(calf_length**2 - (knee_clearance - foot_radius) ** 2) - back
+
+
+def feed_forward_share(crouch: jax.Array) -> jax.Array:
+    """Share of the swing's inertia that is fed forward, for the trunk's height over the leg's length.
+
+    A folded leg that follows its path exactly raises its knee above the trunk while the foot is still behind, and hits
+    what the robot crawls under; by PD alone it lags and stays low.
+    """
+    return jnp.clip((crouch - FOLDED) / (UPRIGHT - FOLDED), 0.0, 1.0)
+
+
+def folded_leg(robot: RobotModel) -> float:
+    """Shortest distance from hip to foot, the knee at its limit [m]."""
+    l1, l2, knee = robot.thigh_length, robot.calf_length, robot.joint_lower[2]
+    return float(np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * np.cos(knee)))
 
 
 def swing_path(

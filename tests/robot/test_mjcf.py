@@ -104,7 +104,8 @@ def tiny(*changes: tuple[str, str]) -> str:
     motors = "".join(f'<motor joint="{name}" ctrlrange="-20 20"/>' for name in names)
     text = (
         '<mujoco><compiler angle="radian"/><worldbody><body name="base" pos="0 0 1"><freejoint/>'
-        f'<geom type="box" size="0.2 0.1 0.05" mass="5"/>{legs}</body></worldbody><actuator>{motors}</actuator></mujoco>'
+        f'<geom type="box" size="0.2 0.1 0.05" mass="5"/>{legs}</body></worldbody>'
+        f"<actuator>{motors}</actuator></mujoco>"
     )
     for old, new in changes:
         assert old in text
