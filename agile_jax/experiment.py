@@ -17,10 +17,10 @@ from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment_file import Table, origin, override, read_table
 from agile_jax.expert.settings import ExpertSettings, check_scene
-from agile_jax.files import hash_json
+from agile_jax.files import hash_json, sha256
 from agile_jax.policy.settings import ClosedLoopSettings, DaggerSettings, PolicySettings, TrainingSettings
 from agile_jax.report.settings import ReportSettings
-from agile_jax.robot.settings import RobotSettings
+from agile_jax.robot.settings import OWN, RobotSettings, check_envelope
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import Settings
 from agile_jax.sweep.settings import SweepSettings
@@ -81,6 +81,11 @@ class Experiment(Settings):
     @model_validator(mode="after")
     def _plans_can_end(self) -> "Experiment":
         check_scene(self.scene, self.expert)
+        return self
+
+    @model_validator(mode="after")
+    def _envelope_covers_the_robot(self) -> "Experiment":
+        check_envelope(self.scene.torso_half_size, self.robot)
         return self
 
     @model_validator(mode="after")
@@ -146,9 +151,12 @@ def stage_settings(experiment: Experiment, stage: str) -> dict[str, Any]:
     """The settings on which a stage's result depends, by section: its own and those of the stages before."""
     sections = [section for earlier in STAGES[: STAGES.index(stage) + 1] for section in _READS[earlier]]
     ignored = _CHANGES_NOTHING | (_CHANGES_NO_LABEL if stage == "dataset" else {})
-    return experiment.model_dump(
+    settings = experiment.model_dump(
         mode="json", include=set(sections), exclude={key: ignored[key] for key in ignored.keys() & set(sections)}
     )
+    if "robot" in settings and experiment.robot.name != OWN:
+        settings["robot"]["file_sha256"] = sha256(pathlib.Path(experiment.robot.name).read_bytes())
+    return settings
 
 
 def stage_hash(experiment: Experiment, stage: str) -> str:

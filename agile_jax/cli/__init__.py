@@ -22,7 +22,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "report": ("EXPERIMENT.toml", "figures, video and report.html, after what they need"),
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
-    "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
+    "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run, or --replay FILE"),
     "export": ("RUN_DIR", "the trained policy of a finished run, in files for use elsewhere"),
     "compare": ("RUN_DIR RUN_DIR", "two evaluations from the same starts, paired"),
     "benchmark": ("SUBJECT [EXPERIMENT.toml]", "speed and quality against the peers"),

@@ -12,6 +12,7 @@ SUBJECTS = {
     "expert": "solve the same starts with the expert and with its peers, in one thread, and print the ratios",
     "training": "the rate of the training's steps, of their matrix products, and of PyTorch, on all cores",
     "policy": "ask the policy and the expert about the same starts, on one core, and print the ratio",
+    "tracking": "random commands on flat ground, disturbed and not: velocity and height errors, falls",
     "evaluation": "simulated seconds per second of the closed loop, by backend and batch, and where the time goes",
 }
 Measured = tuple[pathlib.Path | None, dict[str, Any], str]  # where to write, what, and as a table
@@ -49,6 +50,20 @@ class EvaluationOptions:
     """Of the C physics."""
     output: pathlib.Path | None = None
     """Write all numbers there, for example benchmark.json."""
+
+
+@dataclasses.dataclass(frozen=True)
+class TrackingOptions:
+    """How the controller follows commands, and what it survives."""
+
+    episodes: int = 200
+    """Random commands of every row."""
+    duration: float = 10.0
+    """Of a tracking episode [s]."""
+    disturbed_duration: float = 5.0
+    """Of an episode with a disturbance [s]."""
+    output: pathlib.Path | None = None
+    """Write all numbers there, for example tracking.json."""
 
 
 def run_benchmark(argv: list[str], progress: Progress) -> None:
@@ -110,4 +125,16 @@ def _evaluation(argv: list[str], progress: Progress) -> Measured:
     experiment, options = parse_experiment("benchmark evaluation", EvaluationOptions(), argv)
     run_dir = options.run_dir or pathlib.Path("runs") / experiment.name
     result = benchmark_evaluation(experiment, run_dir, _positive("threads", options.threads), progress)
+    return options.output, result, report(result)
+
+
+def _tracking(argv: list[str], progress: Progress) -> Measured:
+    from agile_jax.benchmark.expert import TABLE
+    from agile_jax.benchmark.tracking import benchmark_tracking, report
+
+    experiment, options = parse_experiment("benchmark tracking", TrackingOptions(), argv, TABLE)
+    if options.episodes < 1 or min(options.duration, options.disturbed_duration) <= 0:
+        raise BadInput("episodes and durations must be positive")
+    durations = options.duration, options.disturbed_duration
+    result = benchmark_tracking(experiment, options.episodes, *durations, progress=progress)
     return options.output, result, report(result)

@@ -56,10 +56,12 @@ class PlanOptions:
 
 @dataclasses.dataclass(frozen=True)
 class RolloutOptions:
-    """One closed-loop episode."""
+    """One closed-loop episode, run or replayed."""
 
-    start: Start
+    start: Start | None = None
     """Pose x y z yaw [m, rad]."""
+    replay: pathlib.Path | None = None
+    """Show this recording instead, for example RUN_DIR/evaluation/mujoco-unstable/episode-000012.npz."""
     video: pathlib.Path | None = None
     """Film it, for example out.mp4."""
 
@@ -135,11 +137,17 @@ def plan(argv: list[str]) -> int:
 
 def rollout(argv: list[str]) -> int:
     """`agile rollout`: one closed-loop episode of a finished run."""
+    from agile_jax.episode import replay
     from agile_jax.episode import rollout as run_episode
 
-    run_dir, options = parse_run_dir("rollout", RolloutOptions(start=tyro.MISSING), argv)
-    with _progress() as progress:
-        result = run_episode(run_dir, options.start, options.video, progress)
+    run_dir, options = parse_run_dir("rollout", RolloutOptions(), argv)
+    if (options.start is None) == (options.replay is None):
+        raise BadInput("rollout needs either --start X Y Z YAW or --replay FILE")
+    if options.replay is not None:
+        result = replay(run_dir, options.replay, options.video)
+    elif options.start is not None:
+        with _progress() as progress:
+            result = run_episode(run_dir, options.start, options.video, progress)
     for key, value in result.items():
         print(f"{key:<24}{_number(value)}")
     return DONE

@@ -9,17 +9,23 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from agile_jax.control import cone_qp, gait, torques
 from agile_jax.control.centroidal import BodyState
 from agile_jax.control.mpc import MpcConstants, build_qp, mpc_constants
+from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import ControlSettings
-from agile_jax.control.swing import foothold, forward_reach
+from agile_jax.control.swing import feed_forward_share, folded_leg, foothold, forward_reach
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
 from agile_jax.robot import RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 
-KNEE_LIMIT_HEIGHT = 0.108  # trunk height at which the knee reaches its limit with the foot under the hip [m]
 SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
+REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
+REACH_DEPTH = 0.05  # below the floor's height, at most [m]
+# The robot stands where its reference hardly moves and its own motion is below these; once it stands, twice as much.
+REST_SPEED, REST_YAW_RATE = 0.15, 0.1  # of the body [m/s], of the reference [rad/s]
+REST_DISTANCE, REST_YAW = 0.03, 0.05  # between body and reference [m], [rad]
 
 
 class Reference(NamedTuple):
@@ -34,7 +40,7 @@ class Reference(NamedTuple):
 class ControllerState(NamedTuple):
     """What the controller remembers between calls."""
 
-    time: jax.Array  # () gait clock [s]
+    gait: gait.Gait
     lift_off_world: jax.Array  # (4, 3) where each foot last left the ground [m]
     foothold_world: jax.Array  # (4, 3) where each swing should end [m]
     velocity_planar: jax.Array  # (2,) measured velocity of the centre of mass at the last plan, world [m/s]
@@ -88,16 +94,20 @@ def measure(robot: RobotModel, state: RobotState) -> Body:
 
 def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     """Compose gait, MPC, footholds and torques for a robot."""
+    settings = scaled_to(robot, settings)
     constants = mpc_constants(settings.mpc)
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
+    inertia = torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32))
+    leg_length = robot.thigh_length + robot.calf_length
+    knee_limit_height = folded_leg(robot) + foot_height
 
     def init(state: RobotState) -> ControllerState:
         R = quaternion_to_matrix(state.base_quat, jnp)
         feet = state.base_pos + leg_forward_kinematics(robot, state.joint_pos) @ R.T
         weight = composite_inertia(robot, state.joint_pos)[0] * 9.81
         return ControllerState(
-            time=jnp.float32(0.0),
+            gait=gait.start(gait_settings),
             lift_off_world=feet,
             foothold_world=feet,
             velocity_planar=jnp.zeros(2),
@@ -114,17 +124,21 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         R_yaw = rotation_2d(yaw, jnp)
         feet_world = robot_state.base_pos + leg_forward_kinematics(robot, robot_state.joint_pos) @ body.R_world_base.T
 
-        footholds = plan_footholds(state.time, robot_state, body, reference)
+        speed = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1)).max()
+        clock = gait.schedule(
+            gait_settings, state.gait, speed, at_rest(state, body, robot_state, reference), settings.plan_dt
+        )
+        footholds = plan_footholds(clock, robot_state, body, reference)
         error = jnp.stack([reference.pose[2] - robot_state.base_pos[2], -body.rpy[0], -body.rpy[1]])
         limit = jnp.array(settings.integral_limit)
         integral = state.integral + jnp.array(settings.integral_gain) * error * settings.plan_dt
         integral = jnp.clip(integral, -limit, limit)
 
         nodes = settings.mpc.horizon
-        contact_times = state.time + settings.plan_dt / 2 + settings.mpc.mpc_dt * jnp.arange(nodes)
-        contact = gait.stance(gait_settings, contact_times).astype(jnp.float32)
+        elapsed = settings.plan_dt / 2 + settings.mpc.mpc_dt * jnp.arange(nodes)
+        contact = gait.contacts_ahead(gait_settings, clock, elapsed).astype(jnp.float32)
         # Feet that stand now keep their place; feet that land within the horizon stand on their foothold.
-        standing = gait.stance(gait_settings, state.time)
+        standing = gait.standing(gait_settings, clock)
         support = jnp.where(standing[:, None], feet_world, footholds)
         travelled = jnp.concatenate([reference.pose[None], reference.poses[:-1]])[:, :3] - reference.pose[:3]
         levers = support[None] - (body.com_world + travelled)[:, None, :]  # (N, 4, 3) world
@@ -145,6 +159,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         forces_world = jnp.concatenate([forces_yaw[:, :2] @ R_yaw.T, forces_yaw[:, 2:]], -1)
         residual = jnp.maximum(solution.primal_residual, solution.dual_residual)
         return state._replace(
+            gait=clock,
             foothold_world=footholds,
             velocity_planar=body.com_velocity_world[:2],
             forces_world=forces_world,
@@ -155,10 +170,24 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             mpc_failures=state.mpc_failures + jnp.int32(~(residual <= settings.mpc.tolerance)),
         )
 
-    def plan_footholds(time: jax.Array, robot_state: RobotState, body: Body, reference: Reference) -> jax.Array:
+    def at_rest(state: ControllerState, body: Body, robot_state: RobotState, reference: Reference) -> jax.Array:
+        """Whether nothing asks for a step: () bool."""
+        patience = jnp.where(state.gait.stand, 2.0, 1.0)
+        speeds = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1))
+        distance = jnp.sqrt(jnp.sum((reference.pose[:2] - robot_state.base_pos[:2]) ** 2))
+        turn = jnp.abs(wrap_angle(reference.pose[3] - body.rpy[2], jnp))
+        return (
+            (speeds.max() < patience * gait_settings.stand_speed)
+            & (jnp.abs(reference.velocities[:, 3]).max() < patience * REST_YAW_RATE)
+            & (distance < patience * REST_DISTANCE)
+            & (turn < patience * REST_YAW)
+            & (jnp.sqrt(jnp.sum(body.com_velocity_world[:2] ** 2)) < patience * REST_SPEED)
+        )
+
+    def plan_footholds(clock: gait.Gait, robot_state: RobotState, body: Body, reference: Reference) -> jax.Array:
         """Foothold of each leg's current or next swing, shape (4, 3) in the world [m]."""
         yaw_rate = (body.R_world_base @ robot_state.base_ang_vel_base)[2]
-        time_left = (1.0 - gait.phase(gait_settings, time)) * gait_settings.period  # (4,)
+        time_left = gait.time_to_touch_down(clock)  # (4,)
         velocity = body.com_velocity_world[:2]
         nominal = robot.hip_pos_base[:, :2] + jnp.stack([jnp.zeros(4), robot.abad_offset], -1)
         rotation = rotation_2d(body.rpy[2] + yaw_rate * time_left, jnp)  # (4, 2, 2)
@@ -169,7 +198,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             reference.velocity[:2],
             yaw_rate,
             body.com_world[2],
-            gait.stance_duration(gait_settings),
+            gait.stance_duration(gait_settings, clock),
             settings.raibert_gain,
         )
         # A crouching leg cannot reach far ahead; the height to come counts, not the present one.
@@ -177,7 +206,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         reach = forward_reach(height, robot.thigh_length, robot.calf_length, foot_height, settings.knee_clearance)
         # The smooth swing is near its foothold early, while the hip still has to come: that much less.
         speed = velocity @ jnp.stack([jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])])
-        reach -= SWING_LEAD * gait.swing_duration(gait_settings) * jnp.maximum(speed, 0.0)
+        reach -= SWING_LEAD * gait.swing_duration(gait_settings, clock) * jnp.maximum(speed, 0.0)
         offset = jnp.einsum("lji,lj->li", rotation, planar - hips)
         offset = offset.at[:, 0].set(jnp.minimum(offset[:, 0], reach))
         planar = hips + jnp.einsum("lij,lj->li", rotation, offset)
@@ -186,23 +215,34 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     def act(state: ControllerState, robot_state: RobotState) -> tuple[ControllerState, jax.Array]:
         R = quaternion_to_matrix(robot_state.base_quat, jnp)
         feet_base = leg_forward_kinematics(robot, robot_state.joint_pos)
-        standing = gait.stance(gait_settings, state.time)
+        clock = state.gait
         feet_world = robot_state.base_pos + feet_base @ R.T
-        lift_off = jnp.where(standing[:, None], feet_world, state.lift_off_world)
-        headroom = gait_settings.headroom_fraction * (robot_state.base_pos[2] - KNEE_LIMIT_HEIGHT)
-        step_height = jnp.clip(headroom, 0.01, gait_settings.step_height)
-        progress = gait.swing_progress(gait_settings, state.time)
-        duration = gait.swing_duration(gait_settings)
+        by_clock = gait.scheduled(gait_settings, clock)
+        lift_off = jnp.where(by_clock[:, None], feet_world, state.lift_off_world)
+        # A foot that landed early follows its path until the next plan gives it a force.
+        bears = gait.standing(gait_settings, clock) & (by_clock | (state.forces_world[:, 2] > 0))
+        speed = jnp.sqrt(jnp.sum(state.velocity_planar**2))
+        late = gait.late_by(gait_settings, clock)
         torque = torques.whole_body_torque(
             robot,
             settings,
+            inertia * feed_forward_share(robot_state.base_pos[2] / leg_length),
             robot_state,
             R,
-            standing,
+            bears,
             state.forces_world,
-            torques.SwingTarget(lift_off, state.foothold_world, step_height, progress, duration),
+            torques.SwingTarget(
+                lift_off,
+                state.foothold_world,
+                gait.step_height(gait_settings, speed, robot_state.base_pos[2] - knee_limit_height),
+                gait.swing_progress(gait_settings, clock),
+                gait.swing_duration(gait_settings, clock),
+                jnp.minimum(REACH_SPEED * late, REACH_DEPTH),
+                jnp.where((late > 0) & (REACH_SPEED * late < REACH_DEPTH), REACH_SPEED, 0.0),
+            ),
         )
-        return state._replace(time=state.time + settings.control_dt, lift_off_world=lift_off), torque
+        following = gait.advance(gait_settings, clock, settings.control_dt, robot_state.foot_contact)
+        return state._replace(gait=following, lift_off_world=lift_off), torque
 
     return Controller(init, plan, act)
 

@@ -1,4 +1,12 @@
-"""The gait clock: which feet stand when."""
+"""The gait: which feet stand when, by the clock and by what they touch.
+
+One phase in [0, 1) drives all legs, each with its own offset. The trot moves diagonal legs together. The walk moves
+one leg at a time (rear right, front right, rear left, front left); it is the trot with the rear legs shifted by a
+quarter, so that the two blend by shifting. The robot stands by stopping the phase where all feet are down (0 or 1/2),
+and goes on from there.
+"""
+
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -6,28 +14,138 @@ import jax.numpy as jnp
 from agile_jax.control.settings import GaitSettings
 
 TROT_OFFSETS = (0.0, 0.5, 0.5, 0.0)  # FR, FL, RR, RL, as fractions of the period
+WALK_SHIFT = (0.0, 0.0, -0.25, -0.25)
+BLEND_TIME = 1.0  # from trot to walk or back [s]
+GRACE = 0.05  # a foot that is late gets its planned force that long, which brings it down [s]
 
 
-def phase(settings: GaitSettings, time: jax.Array) -> jax.Array:
-    """Phase of each leg in [0, 1): it stands while below `duty`, then swings. Shape (...) to (..., 4)."""
-    return jnp.mod(time[..., None] / settings.period + jnp.array(TROT_OFFSETS), 1.0)
+class Gait(NamedTuple):
+    """State of the gait."""
+
+    phase: jax.Array  # () in [0, 1)
+    walk: jax.Array  # () 0: trot, 1: walk
+    stand: jax.Array  # () bool: stop where all feet are down
+    period: jax.Array  # () [s]
+    landed: (
+        jax.Array
+    )  # (4,) bool: the foot has touched the ground since its last swing, or near the end of the present one
 
 
-def stance(settings: GaitSettings, time: jax.Array) -> jax.Array:
-    """Whether each foot stands at `time`. Shape (...) to (..., 4), boolean."""
-    return phase(settings, time) < settings.duty
+def start(settings: GaitSettings) -> Gait:
+    """All feet down."""
+    walk = jnp.float32(settings.walk_speed > 0)
+    return Gait(jnp.float32(0.0), walk, jnp.bool_(True), jnp.float32(settings.period), jnp.ones(4, bool))
 
 
-def swing_progress(settings: GaitSettings, time: jax.Array) -> jax.Array:
-    """Progress of each swing in [0, 1]; 0 while standing. Shape (..., 4)."""
-    return jnp.clip((phase(settings, time) - settings.duty) / (1 - settings.duty), 0.0, 1.0)
+def duty(settings: GaitSettings, gait: Gait) -> jax.Array:
+    """Fraction of the period that a foot stands, ()."""
+    return settings.duty + (settings.walk_duty - settings.duty) * gait.walk
 
 
-def swing_duration(settings: GaitSettings) -> float:
+def leg_phase(gait: Gait, phase: jax.Array) -> jax.Array:
+    """Phase of each leg in [0, 1): it stands while below the duty, then swings. Shape (...) to (..., 4)."""
+    return jnp.mod(phase[..., None] + jnp.array(TROT_OFFSETS) + gait.walk * jnp.array(WALK_SHIFT), 1.0)
+
+
+def scheduled(settings: GaitSettings, gait: Gait) -> jax.Array:
+    """Which feet stand by the clock, (4,) bool."""
+    return leg_phase(gait, gait.phase) < duty(settings, gait)
+
+
+def standing(settings: GaitSettings, gait: Gait) -> jax.Array:
+    """Which feet stand: those that have landed, even early, and those that are hardly late. (4,) bool."""
+    phase = leg_phase(gait, gait.phase)
+    return gait.landed | ((phase < duty(settings, gait)) & (phase * gait.period < GRACE))
+
+
+def late_by(settings: GaitSettings, gait: Gait) -> jax.Array:
+    """How long ago a foot that is still in the air should have landed, beyond the grace; else 0. (4,) [s]."""
+    waited = leg_phase(gait, gait.phase) * gait.period - GRACE
+    return jnp.where(scheduled(settings, gait) & ~standing(settings, gait), waited, 0.0)
+
+
+def swing_progress(settings: GaitSettings, gait: Gait) -> jax.Array:
+    """Progress of each swing in [0, 1]; 0 while the foot stands by the clock, and 1 while it is late. (4,)."""
+    stands = duty(settings, gait)
+    progress = jnp.clip((leg_phase(gait, gait.phase) - stands) / (1 - stands), 0.0, 1.0)
+    return jnp.where(late_by(settings, gait) > 0, 1.0, progress)
+
+
+def time_to_touch_down(gait: Gait) -> jax.Array:
+    """Until each foot next lands by the clock, (4,) [s]."""
+    return (1.0 - leg_phase(gait, gait.phase)) * gait.period
+
+
+def swing_duration(settings: GaitSettings, gait: Gait) -> jax.Array:
     """[s]."""
-    return settings.period * (1 - settings.duty)
+    return gait.period * (1 - duty(settings, gait))
 
 
-def stance_duration(settings: GaitSettings) -> float:
+def stance_duration(settings: GaitSettings, gait: Gait) -> jax.Array:
     """[s]."""
-    return settings.period * settings.duty
+    return gait.period * duty(settings, gait)
+
+
+def _phase_after(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> jax.Array:
+    """The phase, not wrapped, after some time [s]: it stops at 0 or 1/2 when the robot is to stand."""
+    after = gait.phase + elapsed / gait.period
+    if settings.duty <= 0.5:  # there is no phase with all feet down
+        return after
+    pure = (gait.walk <= 0.0) | (gait.walk >= 1.0)
+    return jnp.where(gait.stand & pure, jnp.minimum(after, jnp.ceil(2 * gait.phase) / 2), after)
+
+
+def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> jax.Array:
+    """Which feet will stand after the given times (N,) [s]: by the clock, corrected by what they touch now. (N, 4)."""
+    by_clock = leg_phase(gait, _phase_after(settings, gait, elapsed)) < duty(settings, gait)
+    now = standing(settings, gait)
+    early = now & ~scheduled(settings, gait) & (elapsed[:, None] < time_to_touch_down(gait))
+    late = (late_by(settings, gait) > 0) & (jnp.arange(len(elapsed)) == 0)[:, None]
+    return (by_clock | early) & ~late
+
+
+def advance(settings: GaitSettings, gait: Gait, dt: float, touching: jax.Array | None) -> Gait:
+    """One control step on.
+
+    Args:
+        settings, gait: as they are.
+        dt: [s].
+        touching: which feet touch something, (4,) bool. None: the robot cannot feel, and the clock is believed.
+    """
+    phase = jnp.mod(_phase_after(settings, gait, jnp.float32(dt)), 1.0)
+    moved = gait._replace(phase=phase)
+    by_clock = scheduled(settings, moved)
+    if touching is None:
+        return moved._replace(landed=by_clock)
+    coming_down = swing_progress(settings, moved) > 0.5
+    return moved._replace(landed=(gait.landed | touching) & (by_clock | coming_down))
+
+
+def schedule(settings: GaitSettings, gait: Gait, speed: jax.Array, at_rest: jax.Array, dt: float) -> Gait:
+    """Choose gait and period for the speed, once a plan.
+
+    Args:
+        settings, gait: as they are.
+        speed: of the reference in the plane () [m/s].
+        at_rest: () bool, nothing asks for a step.
+        dt: since the last plan [s].
+    """
+    share = jnp.clip(speed / settings.full_speed, 0.0, 1.0)
+    trot_period = settings.slow_period + (settings.period - settings.slow_period) * share
+    wanted = jnp.float32(speed < settings.walk_speed)
+    walk = jnp.clip(gait.walk + jnp.clip(wanted - gait.walk, -dt / BLEND_TIME, dt / BLEND_TIME), 0.0, 1.0)
+    period = trot_period + (settings.walk_period - trot_period) * walk
+    return gait._replace(walk=walk, period=period, stand=at_rest)
+
+
+def step_height(settings: GaitSettings, speed: jax.Array, headroom: jax.Array) -> jax.Array:
+    """Lift of a swinging foot () [m]: higher when fast, and at most its share of what the knee's limit leaves.
+
+    Args:
+        settings: of the gait.
+        speed: of the body in the plane () [m/s].
+        headroom: lift at which the knee reaches its limit () [m].
+    """
+    share = jnp.clip(speed / settings.full_speed, 0.0, 1.0)
+    lift = settings.slow_step_height + (settings.step_height - settings.slow_step_height) * share
+    return jnp.clip(settings.headroom_fraction * headroom, 0.01, lift)

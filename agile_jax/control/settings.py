@@ -10,12 +10,23 @@ NonNegativeVector3 = Annotated[tuple[NonNegative, NonNegative, NonNegative], Fie
 
 
 class GaitSettings(Settings):
-    """Trot: diagonal legs step together."""
+    """Trot (diagonal legs together), walk (one leg at a time) and stand. Between two speeds values are interpolated."""
 
-    period: Positive = 0.28  # [s]
-    duty: Annotated[float, Field(gt=0, lt=1)] = 0.55  # fraction of the period that a foot stands
-    step_height: Positive = 0.05  # highest lift of a foot [m]
-    # The knee's limit leaves (trunk height - 0.108 m) of lift; a step takes at most this share of it.
+    period: Positive = 0.28  # of the trot, at full_speed and above [s]
+    slow_period: Positive = 0.28  # of the trot, stepping on the spot [s]
+    duty: Annotated[float, Field(gt=0, lt=1)] = 0.55  # fraction of the period that a foot stands, trotting
+    walk_speed: NonNegative = (
+        0.0  # the robot walks where the reference is slower, else it trots; 0: it never walks [m/s]
+    )
+    walk_period: Positive = 0.6  # [s]
+    walk_duty: Annotated[float, Field(gt=0.75, lt=1)] = 0.8  # above 3/4, or two feet would be in the air at once
+    stand_speed: NonNegative = (
+        0.03  # it stands where the reference is slower than this; 0: it never stops stepping [m/s]
+    )
+    step_height: Positive = 0.05  # lift of a foot at full_speed and above [m]
+    slow_step_height: Positive = 0.05  # the same, stepping on the spot [m]
+    full_speed: Positive = 0.5  # [m/s]
+    # The knee's limit leaves (trunk height - 0.108 m) of lift in an A1; a step takes at most this share of it.
     headroom_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6
 
 
@@ -29,7 +40,7 @@ class MpcSettings(Settings):
     weight_angular_velocity: PositiveVector3 = (0.3, 0.3, 0.3)
     weight_velocity: PositiveVector3 = (2.0, 2.0, 0.5)
     weight_force: Positive = 2e-5
-    friction: Positive = 0.5  # coefficient that the controller trusts
+    friction: Positive = 0.35  # coefficient that the controller trusts; below that of slippery floors (0.4)
     force_max: Positive = 200.0  # normal force of one foot [N]
     iterations: Count = 30  # of the ADMM solver
     tolerance: Positive = 5.0  # a residual above it counts as a failed solution [N]
@@ -42,6 +53,7 @@ class ControlSettings(Settings):
     mpc: MpcSettings = MpcSettings()
     control_dt: Positive = 0.002  # between torques [s]
     plan_dt: Positive = 0.02  # between solutions of the MPC [s]
+    scale_to_robot: bool = True  # gains, weights and gait are meant for the A1: scale them by mass and leg length
     raibert_gain: NonNegative = 0.03  # foothold shift per velocity error [s]
     knee_clearance: Positive = 0.045  # height of the knees' centres over the floor that footholds must leave [m]
     swing_stiffness: Positive = 60.0  # joint PD of the swing legs [Nm/rad]

@@ -2,8 +2,12 @@
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from agile_jax.control.centroidal import GRAVITY
+from agile_jax.robot import RobotModel
+
+FOLDED, UPRIGHT = 0.5, 0.6  # height over leg length between which the swing's feed-forward fades in
 
 
 def foothold(
@@ -12,7 +16,7 @@ def foothold(
     velocity_reference: jax.Array,
     yaw_rate: jax.Array,
     height: jax.Array,
-    stance_duration: float,
+    stance_duration: jax.Array,
     gain: float,
 ) -> jax.Array:
     """Where a foot should land, in the plane.
@@ -56,9 +60,24 @@ def forward_reach(
     return jnp.sqrt(calf_length**2 - (knee_clearance - foot_radius) ** 2) - back
 
 
+def feed_forward_share(crouch: jax.Array) -> jax.Array:
+    """Share of the swing's inertia that is fed forward, for the trunk's height over the leg's length.
+
+    A folded leg that follows its path exactly raises its knee above the trunk while the foot is still behind, and hits
+    what the robot crawls under; by PD alone it lags and stays low.
+    """
+    return jnp.clip((crouch - FOLDED) / (UPRIGHT - FOLDED), 0.0, 1.0)
+
+
+def folded_leg(robot: RobotModel) -> float:
+    """Shortest distance from hip to foot, the knee at its limit [m]."""
+    l1, l2, knee = robot.thigh_length, robot.calf_length, robot.joint_lower[2]
+    return float(np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * np.cos(knee)))
+
+
 def swing_path(
-    lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: float
-) -> tuple[jax.Array, jax.Array]:
+    lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Position and velocity on the way from `lift_off` to `touch_down`.
 
     A cubic smooth step in the plane, and for the height two of them, up and down: velocity is zero at both ends and
@@ -71,23 +90,23 @@ def swing_path(
         duration: of the whole swing [s].
 
     Returns:
-        Position [m] and velocity [m/s], shape (..., 3) each.
+        Position [m], velocity [m/s] and acceleration [m/s^2], shape (..., 3) each.
     """
 
-    def smooth(s: jax.Array) -> tuple[jax.Array, jax.Array]:
-        return s * s * (3 - 2 * s), 6 * s * (1 - s)
+    def smooth(s: jax.Array) -> tuple[jax.Array, jax.Array, jax.Array]:
+        return s * s * (3 - 2 * s), 6 * s * (1 - s), 6 - 12 * s
 
-    blend, slope = smooth(progress)
-    planar = lift_off[..., :2] + (touch_down - lift_off)[..., :2] * blend[..., None]
-    planar_velocity = (touch_down - lift_off)[..., :2] * slope[..., None] / duration
+    way = (touch_down - lift_off)[..., :2]
+    planar = [way * share[..., None] for share in smooth(progress)]
+    planar[0] += lift_off[..., :2]
     apex = jnp.maximum(lift_off[..., 2], touch_down[..., 2]) + height
     rising = progress < 0.5
-    rise, rise_slope = smooth(jnp.clip(2 * progress, 0.0, 1.0))
-    fall, fall_slope = smooth(jnp.clip(2 * progress - 1, 0.0, 1.0))
-    up = lift_off[..., 2] + (apex - lift_off[..., 2]) * rise
-    down = apex + (touch_down[..., 2] - apex) * fall
-    z = jnp.where(rising, up, down)
-    z_velocity = jnp.where(rising, (apex - lift_off[..., 2]) * rise_slope, (touch_down[..., 2] - apex) * fall_slope) * (
-        2 / duration
+    rise = smooth(jnp.clip(2 * progress, 0.0, 1.0))
+    fall = smooth(jnp.clip(2 * progress - 1, 0.0, 1.0))
+    climb, drop = apex - lift_off[..., 2], touch_down[..., 2] - apex
+    z = [jnp.where(rising, lift_off[..., 2] + climb * rise[0], apex + drop * fall[0])]
+    z += [2**k * jnp.where(rising, climb * rise[k], drop * fall[k]) for k in (1, 2)]
+    position, velocity, acceleration = (
+        jnp.concatenate([planar[k], z[k][..., None]], -1) / duration**k for k in range(3)
     )
-    return jnp.concatenate([planar, z[..., None]], -1), jnp.concatenate([planar_velocity, z_velocity[..., None]], -1)
+    return position, velocity, acceleration

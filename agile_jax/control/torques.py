@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from agile_jax.control.centroidal import GRAVITY
 from agile_jax.control.settings import ControlSettings
@@ -20,6 +21,7 @@ from agile_jax.robot import (
     leg_forward_kinematics,
     leg_inverse_kinematics,
     leg_jacobian,
+    link_poses,
 )
 
 FRICTION_BLEND = 0.3  # joint speed over which dry friction is compensated smoothly [rad/s]
@@ -33,7 +35,9 @@ class SwingTarget(NamedTuple):
     foothold_world: jax.Array  # (4, 3) [m]
     step_height: jax.Array  # () [m]
     progress: jax.Array  # (4,) in [0, 1]
-    duration: float  # [s]
+    duration: jax.Array  # () [s]
+    depth: jax.Array  # (4,) that much below the path [m]
+    descent: jax.Array  # (4,) and that fast down [m/s]
 
 
 def gravity_torque(robot: RobotModel, joint_pos: jax.Array, R_world_base: jax.Array) -> jax.Array:
@@ -59,24 +63,51 @@ def stance_torque(jacobian: jax.Array, forces_base: jax.Array) -> jax.Array:
 
 def swing_joint_target(
     robot: RobotModel, robot_state: RobotState, R_world_base: jax.Array, jacobian: jax.Array, swing: SwingTarget
-) -> tuple[jax.Array, jax.Array]:
-    """Joint positions and velocities that follow the feet's paths, shape (12,) each [rad], [rad/s]."""
-    position, velocity = swing_path(
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """Joint positions, velocities and accelerations that follow the feet's paths, shape (12,) each.
+
+    In [rad], [rad/s], [rad/s^2]; the acceleration leaves out what the turning of leg and trunk adds.
+    """
+    position, velocity, acceleration = swing_path(
         swing.lift_off_world, swing.foothold_world, swing.step_height, swing.progress, swing.duration
     )
+    position = position.at[:, 2].add(-swing.depth)
+    velocity = velocity.at[:, 2].add(-swing.descent)
     foot_base = (position - robot_state.base_pos) @ R_world_base
     relative = (velocity - robot_state.base_lin_vel_world) @ R_world_base
     relative -= jnp.cross(robot_state.base_ang_vel_base, foot_base)
     joint_pos = leg_inverse_kinematics(robot, foot_base)
     # Damped least squares: near a stretched leg the plain inverse is unbounded.
     gram = jnp.einsum("lij,lkj->lik", jacobian, jacobian) + JACOBIAN_DAMPING**2 * jnp.eye(3)
-    joint_vel = jnp.einsum("lji,lj->li", jacobian, jnp.linalg.solve(gram, relative[..., None])[..., 0])
-    return joint_pos, joint_vel.reshape(-1)
+    wanted = jnp.stack([relative, acceleration @ R_world_base], -1)  # (4, 3, 2)
+    joint_vel, joint_acc = jnp.moveaxis(jnp.einsum("lji,ljk->lik", jacobian, jnp.linalg.solve(gram, wanted)), -1, 0)
+    return joint_pos, joint_vel.reshape(-1), joint_acc.reshape(-1)
+
+
+def leg_inertia(robot: RobotModel, joint_pos: np.ndarray) -> np.ndarray:
+    """Joint-space inertia of each leg with the trunk held, the motors' included, shape (4, 3, 3) [kg m^2]."""
+    masses, coms, inertias = (np.asarray(a) for a in (robot.link_masses, robot.link_coms, robot.link_inertias))
+
+    def motion(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+        poses = link_poses(robot, q)
+        return poses.pos + jnp.einsum("bij,bj->bi", poses.rotation, coms), poses.rotation
+
+    rotation = np.asarray(motion(jnp.asarray(joint_pos))[1])
+    slide, turn = (
+        np.asarray(rate) for rate in jax.jacfwd(motion)(jnp.asarray(joint_pos))
+    )  # (13, 3, 12), (13, 3, 3, 12)
+    spin = np.einsum("bijk,blj->bilk", turn, rotation)  # the skew matrix of each link's angular velocity
+    spin = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], 1)  # (13, 3, 12)
+    turned = rotation @ inertias @ np.swapaxes(rotation, 1, 2)
+    whole = np.einsum("b,bij,bik->jk", masses, slide, slide) + np.einsum("bij,bik,bkl->jl", spin, turned, spin)
+    whole += np.diag(robot.joint_armature)
+    return np.stack([whole[3 * leg : 3 * leg + 3, 3 * leg : 3 * leg + 3] for leg in range(4)])
 
 
 def whole_body_torque(
     robot: RobotModel,
     settings: ControlSettings,
+    inertia: np.ndarray,
     robot_state: RobotState,
     R_world_base: jax.Array,
     standing: jax.Array,
@@ -87,6 +118,7 @@ def whole_body_torque(
 
     Args:
         robot, settings, robot_state: of one robot.
+        inertia: of the legs, from `leg_inertia`, (4, 3, 3).
         R_world_base: (3, 3).
         standing: (4,) boolean.
         forces_world: (4, 3) planned forces of the ground on the feet [N].
@@ -94,9 +126,10 @@ def whole_body_torque(
     """
     jacobian = leg_jacobian(robot, robot_state.joint_pos)  # (4, 3, 3) base frame
     stance = stance_torque(jacobian, forces_world @ R_world_base)
-    target_pos, target_vel = swing_joint_target(robot, robot_state, R_world_base, jacobian, swing)
+    target_pos, target_vel, target_acc = swing_joint_target(robot, robot_state, R_world_base, jacobian, swing)
     pd = settings.swing_stiffness * (target_pos - robot_state.joint_pos)
     pd += settings.swing_damping * (target_vel - robot_state.joint_vel)
+    pd += jnp.einsum("lij,lj->li", inertia, target_acc.reshape(4, 3)).reshape(-1)
     torque = jnp.where(jnp.repeat(standing, 3), stance, pd)
     torque += gravity_torque(robot, robot_state.joint_pos, R_world_base)
     torque += passive_torque(robot, robot_state.joint_vel)

@@ -21,7 +21,7 @@ from agile_jax.files import hash_json, write_json
 from agile_jax.progress import silent
 from agile_jax.robot import load_robot
 from agile_jax.scene import clearance, make_scene, sample_starts
-from agile_jax.simulation import SUCCESS, Recorder, Rollout, stream
+from agile_jax.simulation import SUCCESS, UNSTABLE, LastStates, Recorder, Rollout, stream
 
 START_STREAM = 7_001  # sets the evaluation's random stream apart from those of dataset and training
 CHUNK = 64  # episodes a file
@@ -54,6 +54,8 @@ def evaluate(
     progress: Callable[[int, int, str], None] = silent,
 ) -> dict[str, Any]:
     """Run the episodes and write `evaluation/<backend>.json`, `.npz` and `-traces.npz`.
+
+    The last second of an episode that ended unstable goes into `<backend>-unstable/`, for `agile rollout --replay`.
 
     Args:
         inputs: settings, for example an Experiment.
@@ -119,11 +121,20 @@ def _episodes(
 
     backend = make_backend(inputs, run_directory / "training", min(inputs.evaluation.batch, len(missing)), threads)
     recorder = Recorder(backend.slots, inputs.evaluation.traced if 0 not in rows else 0)
+    last = LastStates(backend.slots)
+
+    def watch(holds: np.ndarray) -> None:
+        recorder(holds)
+        last(holds)
+
     open_chunks: dict[int, dict[int, Columns]] = {}  # by chunk and episode
     done, begun = len(starts) - len(missing), time.perf_counter()
-    for indices, rollout in stream(backend.slots, backend.qpos(starts[missing]), limits[missing], recorder):
+    for indices, rollout in stream(backend.slots, backend.qpos(starts[missing]), limits[missing], watch):
         for episode, row in zip(indices, _rows(rollout), strict=True):
             i = missing[episode]
+            if row["outcome"][0] == UNSTABLE:
+                trace = last.trace(episode, float(row["end_time"][0]), make_scene(inputs.scene), backend.plan_dt)
+                save_traces(folder / f"{name}-unstable" / f"episode-{i:06d}.npz", [trace])
             chunk = i // CHUNK
             members = open_chunks.setdefault(chunk, {})
             members[i] = row

@@ -7,6 +7,7 @@ import zipfile
 import numpy as np
 
 from agile_jax.files import write_atomic
+from agile_jax.settings import BadInput
 from agile_jax.simulation import Trace
 
 Columns = dict[str, np.ndarray]
@@ -45,3 +46,17 @@ def save_traces(path: pathlib.Path, traces: list[Trace]) -> None:
 
     columns = {name: np.stack([pad(getattr(trace, name)) for trace in traces]) for name in Trace._fields}
     save_columns(path, {"length": np.array([len(trace.time) for trace in traces]), **columns})
+
+
+def load_traces(path: pathlib.Path) -> list[Trace]:
+    """What `save_traces` wrote.
+
+    Raises:
+        BadInput: no such file, or it holds no traces.
+    """
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            columns = {name: file[name] for name in ("length", *Trace._fields)}
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile) as error:
+        raise BadInput(f"{path}: holds no recorded episodes ({error})") from None
+    return [Trace(*(columns[name][i, :n] for name in Trace._fields)) for i, n in enumerate(columns["length"])]

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
         IMAGE_SIZE,
         OBSTACLE_PREFIX,
         TOUCH_FLOOR_PREFIX,
+        TOUCH_FOOT_PREFIX,
         TOUCH_OBSTACLE_PREFIX,
         VISUAL_GROUP,
         build_mujoco_model,
@@ -48,6 +49,7 @@ __all__ = [
     "QPOS_SIZE",
     "QVEL_SIZE",
     "TOUCH_FLOOR_PREFIX",
+    "TOUCH_FOOT_PREFIX",
     "TOUCH_OBSTACLE_PREFIX",
     "VISUAL_GROUP",
     "CollisionShapes",
@@ -77,7 +79,7 @@ __getattr__ = lazy_names(
         ),
         "model": "JOINT_COUNT LEG_COUNT QPOS_SIZE QVEL_SIZE RobotModel RobotState load_robot robot_state",
         "mujoco_model": (
-            "IMAGE_SIZE OBSTACLE_PREFIX TOUCH_FLOOR_PREFIX TOUCH_OBSTACLE_PREFIX VISUAL_GROUP "
+            "IMAGE_SIZE OBSTACLE_PREFIX TOUCH_FLOOR_PREFIX TOUCH_FOOT_PREFIX TOUCH_OBSTACLE_PREFIX VISUAL_GROUP "
             "build_mujoco_model standing_qpos"
         ),
     },

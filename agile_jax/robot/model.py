@@ -2,15 +2,20 @@
 
 from typing import Any, NamedTuple
 
+import mujoco
 import numpy as np
 
+from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import constants
+from agile_jax.robot.mjcf import robot_spec
 from agile_jax.robot.settings import RobotSettings
 
 Array = Any  # numpy.ndarray or jax.Array
 
 LEG_COUNT = len(constants.LEG_NAMES)
 JOINT_COUNT = LEG_COUNT * len(constants.JOINT_NAMES)
+LINK_COUNT = 1 + JOINT_COUNT
+HOME_CROUCH = 0.675  # height over leg length of the home posture, where a file has no keyframe; the A1's
 QPOS_SIZE = 7 + JOINT_COUNT
 QVEL_SIZE = 6 + JOINT_COUNT
 
@@ -30,7 +35,6 @@ class RobotModel(NamedTuple):
     joint_lower: Array  # (12,) [rad]
     joint_upper: Array  # (12,) [rad]
     torque_limit: Array  # (12,) [Nm]
-    velocity_limit: Array  # (12,) [rad/s]
     joint_damping: Array  # (12,) passive torque per speed [Nm s/rad]
     joint_armature: Array  # (12,) [kg m^2]
     joint_friction: Array  # (12,) dry friction [Nm]
@@ -51,35 +55,60 @@ class RobotState(NamedTuple):
     base_ang_vel_base: Array  # (3,) [rad/s]
     joint_pos: Array  # (12,) [rad]
     joint_vel: Array  # (12,) [rad/s]
+    foot_contact: Array | None = None  # (4,) bool: what the feet touch; None where they cannot feel
 
 
 def load_robot(settings: RobotSettings) -> RobotModel:
-    """The robot that `settings` name, in float64."""
-    links = constants.links()
-    inertias = [[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] for xx, yy, zz, xy, xz, yz in (k.inertia for k in links)]
+    """The robot that `settings` name, in float64.
+
+    Raises:
+        BadInput: its MJCF cannot be used; with the reason.
+    """
+    return read_robot(robot_spec(settings).compile())
+
+
+def read_robot(model: mujoco.MjModel) -> RobotModel:
+    """The constants of a compiled model whose bodies, joints and geoms are those of `mjcf.robot_spec`."""
+    links = range(1, 1 + LINK_COUNT)
+    axes = quaternion_to_matrix(model.body_iquat[links])
+    inertias = np.einsum("bij,bj,bkj->bik", axes, model.body_inertia[links], axes)
+    thigh = [model.body(f"{leg}_thigh").pos for leg in constants.LEG_NAMES]
+    feet = [model.geom(f"{leg}_foot") for leg in constants.LEG_NAMES]
+    thigh_length = float(-np.mean([model.body(f"{leg}_calf").pos[2] for leg in constants.LEG_NAMES]))
+    calf_length = float(-np.mean([foot.pos[2] for foot in feet]))
+    nominal_height = HOME_CROUCH * (thigh_length + calf_length)
+    home_joint_pos = np.tile(home_angles(thigh_length, calf_length, nominal_height - float(feet[0].size[0])), LEG_COUNT)
+    if model.nkey:
+        nominal_height, home_joint_pos = float(model.key_qpos[0, 2]), model.key_qpos[0, 7:QPOS_SIZE].copy()
     return RobotModel(
-        hip_pos_base=constants.HIP_POS_BASE,
-        abad_offset=constants.ABAD_OFFSET,
-        thigh_length=constants.THIGH_LENGTH,
-        calf_length=constants.CALF_LENGTH,
-        foot_radius=constants.FOOT_RADIUS,
-        joint_lower=constants.JOINT_LOWER,
-        joint_upper=constants.JOINT_UPPER,
-        torque_limit=constants.TORQUE_LIMIT,
-        velocity_limit=constants.VELOCITY_LIMIT,
-        joint_damping=constants.JOINT_DAMPING,
-        joint_armature=constants.JOINT_ARMATURE,
-        joint_friction=constants.JOINT_FRICTION,
-        foot_friction=constants.FOOT_FRICTION,
-        link_masses=np.array([k.mass for k in links]),
-        link_coms=np.array([k.com for k in links]),
-        link_inertias=np.array(inertias),
-        home_joint_pos=constants.HOME_JOINT_POS,
-        nominal_height=constants.NOMINAL_HEIGHT,
+        hip_pos_base=np.array([model.body(f"{leg}_hip").pos for leg in constants.LEG_NAMES]),
+        abad_offset=np.array([pos[1] for pos in thigh]),
+        thigh_length=thigh_length,
+        calf_length=calf_length,
+        foot_radius=float(feet[0].size[0]),
+        joint_lower=model.jnt_range[1:, 0].copy(),
+        joint_upper=model.jnt_range[1:, 1].copy(),
+        torque_limit=model.actuator_ctrlrange[:, 1].copy(),
+        joint_damping=model.dof_damping[6:].copy(),
+        joint_armature=model.dof_armature[6:].copy(),
+        joint_friction=model.dof_frictionloss[6:].copy(),
+        foot_friction=float(feet[0].friction[0]),
+        link_masses=model.body_mass[links].copy(),
+        link_coms=model.body_ipos[links].copy(),
+        link_inertias=inertias,
+        home_joint_pos=home_joint_pos,
+        nominal_height=nominal_height,
     )
 
 
-def robot_state(qpos: Array, qvel: Array) -> RobotState:
+def home_angles(thigh_length: float, calf_length: float, depth: float) -> list[float]:
+    """Abad, hip and knee with the foot straight below the hip by `depth` [m]."""
+    cosine = (depth**2 - thigh_length**2 - calf_length**2) / (2 * thigh_length * calf_length)
+    knee = -np.arccos(np.clip(cosine, -1.0, 1.0))
+    return [0.0, -np.arctan2(calf_length * np.sin(knee), thigh_length + calf_length * np.cos(knee)), knee]
+
+
+def robot_state(qpos: Array, qvel: Array, foot_contact: Array | None = None) -> RobotState:
     """Split MuJoCo's coordinates (19,) and velocities (18,) of the robot; leading batch axes are kept."""
     return RobotState(
         base_pos=qpos[..., :3],
@@ -88,4 +117,5 @@ def robot_state(qpos: Array, qvel: Array) -> RobotState:
         base_ang_vel_base=qvel[..., 3:6],
         joint_pos=qpos[..., 7:QPOS_SIZE],
         joint_vel=qvel[..., 6:QVEL_SIZE],
+        foot_contact=foot_contact,
     )

@@ -1,13 +1,13 @@
 """The robot in its scene as a MuJoCo model: one model for MuJoCo C, MJX and rendering."""
 
-from pathlib import Path
-
 import jax.numpy as jnp
 import mujoco
 import numpy as np
 
 from agile_jax.geometry import wrap_angle
+from agile_jax.robot.constants import LEG_NAMES
 from agile_jax.robot.kinematics import leg_inverse_kinematics
+from agile_jax.robot.mjcf import robot_spec
 from agile_jax.robot.model import Array, RobotModel
 from agile_jax.robot.settings import RobotSettings
 from agile_jax.scene import Scene
@@ -16,6 +16,7 @@ FLOOR_BIT, OBSTACLE_BIT = 1, 2  # contype of what stands in the scene; the robot
 OBSTACLE_PREFIX = "obstacle_"
 TOUCH_OBSTACLE_PREFIX = "touch_obstacle_"
 TOUCH_FLOOR_PREFIX = "touch_floor_"
+TOUCH_FOOT_PREFIX = "touch_foot_"
 VISUAL_GROUP = 2
 IMAGE_SIZE = (1280, 720)  # largest picture that can be rendered off screen [pixels]
 _GLASS = [0.55, 0.38, 0.22, 0.22]
@@ -29,14 +30,14 @@ def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> 
     Obstacles are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track` (follows the
     trunk). The robot collides with the floor and with obstacles, never with itself; automatic reset is off. Contact
     sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that obstacle) and
-    `touch_floor_<geom>` (trunk, hips, thighs).
+    `touch_floor_<geom>` (trunk, hips, thighs). Others are the robot's feeling: `touch_foot_<leg>`, whatever it touches.
 
     Args:
         scene: obstacles and target.
         settings: the robot.
         sim_dt: time step of the physics [s].
     """
-    spec = mujoco.MjSpec.from_file(str(Path(__file__).with_name(f"{settings.name}.xml")))
+    spec = robot_spec(settings)
     spec.option.timestep = sim_dt
     spec.visual.global_.offwidth, spec.visual.global_.offheight = IMAGE_SIZE
     _add_floor_and_light(spec)
@@ -199,6 +200,8 @@ def _add_touch_sensors(spec: mujoco.MjSpec, obstacles: int) -> None:
 
     for index in range(obstacles):
         add(TOUCH_OBSTACLE_PREFIX + str(index), OBSTACLE_PREFIX + str(index))
+    for leg in LEG_NAMES:
+        add(TOUCH_FOOT_PREFIX + leg, f"{leg}_foot")
     for geom in spec.geoms:
         if geom.conaffinity & FLOOR_BIT and not geom.name.endswith("_foot"):
             add(

@@ -1,11 +1,60 @@
 """Settings of the robot."""
 
-from typing import Literal
+import string
+from typing import Annotated
+
+from pydantic import Field, field_validator
 
 from agile_jax.settings import Settings
 
+Names3 = Annotated[tuple[str, str, str], Field(strict=False)]
+Names4 = Annotated[tuple[str, str, str, str], Field(strict=False)]
+
+OWN = "a1"
+
 
 class RobotSettings(Settings):
-    """Which robot. "a1": the Unitree A1, 12.453 kg, twelve torque-controlled joints (robot/a1.xml)."""
+    """Which robot: "a1", the Unitree A1, 12.453 kg, twelve torque-controlled joints (robot/a1.xml), or an MJCF's path.
 
-    name: Literal["a1"] = "a1"
+    Another robot has a free trunk and four legs of three joints: abad about x, hip and knee about y, the knee bending
+    backward, the leg hanging straight down at zero angles (robot/mjcf.py).
+    """
+
+    name: Annotated[str, Field(min_length=1)] = OWN
+    legs: Names4 = (
+        "FR",
+        "FL",
+        "RR",
+        "RL",
+    )  # of another robot: its names of front right, front left, rear right, rear left
+    # Its names of abad, hip and knee joint, with {leg} for the leg.
+    joints: Names3 = ("{leg}_hip_joint", "{leg}_thigh_joint", "{leg}_calf_joint")
+
+    @field_validator("joints")
+    @classmethod
+    def _joints_name_their_leg(cls, joints: tuple[str, str, str]) -> tuple[str, str, str]:
+        for joint in joints:
+            try:
+                fields = {field for _, field, _, _ in string.Formatter().parse(joint) if field is not None}
+            except ValueError:
+                fields = set()
+            if fields != {"leg"}:
+                raise ValueError(
+                    f"{joint!r} must contain {{leg}}, in whose place the leg's name is put, and no other braces"
+                )
+        return joints
+
+    @field_validator("legs")
+    @classmethod
+    def _legs_differ(cls, legs: tuple[str, str, str, str]) -> tuple[str, str, str, str]:
+        if len(set(legs)) < len(legs):
+            raise ValueError(f"{list(legs)} must be four different names")
+        return legs
+
+
+def check_envelope(torso_half_size: tuple[float, float, float], settings: RobotSettings) -> None:
+    """Refuse a torso envelope of the planner that does not cover trunk and hips of another robot (BadInput)."""
+    if settings.name != OWN:
+        from agile_jax.robot.envelope import check
+
+        check(torso_half_size, settings)

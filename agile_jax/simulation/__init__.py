@@ -4,20 +4,22 @@ from agile_jax.simulation.mjx_physics import mjx_init
 from agile_jax.simulation.mjx_slots import MjxSlots, mjx_loop
 from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.mujoco_slots import MujocoSlots, batch_loop
-from agile_jax.simulation.outcome import OUTCOME_NAMES, SUCCESS, Outcome
+from agile_jax.simulation.outcome import OUTCOME_NAMES, SUCCESS, UNSTABLE, Outcome
 from agile_jax.simulation.paths import Path, PathPlanner, path_command
 from agile_jax.simulation.reference import Command, policy_command
 from agile_jax.simulation.rollout import ClosedLoop, Episode, make_closed_loop
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.slots import Rollout, Slots, gather, stream
-from agile_jax.simulation.traces import Recorder, Trace
+from agile_jax.simulation.traces import LastStates, Recorder, Trace
 
 __all__ = [
     "OUTCOME_NAMES",
     "SUCCESS",
+    "UNSTABLE",
     "ClosedLoop",
     "Command",
     "Episode",
+    "LastStates",
     "MjxSlots",
     "MujocoPhysics",
     "MujocoSlots",

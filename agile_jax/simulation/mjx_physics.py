@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 import mujoco
 
+from agile_jax.settings import BadInput
 from agile_jax.simulation.sensed import Sensed, TouchSlots, contact_flags, touch_slots
 
 with contextlib.redirect_stdout(io.StringIO()):  # it prints how to install its optional second backend
@@ -25,8 +26,17 @@ class MjxModel(NamedTuple):
 
 
 def mjx_init(model: mujoco.MjModel) -> MjxModel:
-    """Put a model made by `robot.build_mujoco_model` on the device."""
-    return MjxModel(mjx.put_model(model, impl="jax"), touch_slots(model))
+    """Put a model made by `robot.build_mujoco_model` on the device.
+
+    Raises:
+        BadInput: MJX has no collision between two kinds of shape of this model.
+    """
+    try:
+        return MjxModel(mjx.put_model(model, impl="jax"), touch_slots(model))
+    except NotImplementedError as error:
+        raise BadInput(
+            f'MJX cannot simulate this robot in this scene: {error}; use evaluation.backend = "mujoco"'
+        ) from None
 
 
 def mjx_reset(model: MjxModel, qpos: jax.Array) -> Any:
@@ -45,6 +55,6 @@ def mjx_step(model: MjxModel, data: Any, torque: jax.Array) -> tuple[Any, Sensed
         torque: shape (12,) [Nm]; clamped to the limits by the model.
     """
     data = mjx.step(model.model, data.replace(ctrl=torque))
-    obstacle_contact, floor_contact = contact_flags(data.sensordata, model.slots)
+    flags = contact_flags(data.sensordata, model.slots)
     sound = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
-    return data, Sensed(data.qpos, data.qvel, obstacle_contact & sound, floor_contact & sound)
+    return data, Sensed(data.qpos, data.qvel, *(flag & sound for flag in flags))

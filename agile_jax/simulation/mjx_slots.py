@@ -55,7 +55,9 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel) -> MjxLoop:
 
     def init(qpos: jax.Array, limit: jax.Array) -> MjxState:
         touches_nothing = jnp.bool_(False)
-        sensed = Sensed(qpos, jnp.zeros(model.model.nv, qpos.dtype), touches_nothing, touches_nothing)
+        sensed = Sensed(
+            qpos, jnp.zeros(model.model.nv, qpos.dtype), touches_nothing, touches_nothing, jnp.zeros(4, bool)
+        )
         return MjxState(mjx_reset(model, qpos), loop.init(sensed, limit), sensed, jnp.int32(0))
 
     def begin(mask: jax.Array, qpos: jax.Array, limits: jax.Array, states: MjxState) -> MjxState:
@@ -108,6 +110,10 @@ class MjxSlots:
         episode, plans = self._states.episode, np.asarray(self._states.plans)
         outcome = jax.tree.map(lambda values: np.asarray(values)[slots], episode.outcome)
         return Rollout(outcome, np.asarray(episode.controller.mpc_failures)[slots], plans[slots])
+
+    def snapshot(self) -> tuple[np.ndarray, Sample]:
+        """The states of all slots after each plan of the last segment, still on the device."""
+        return np.asarray(self._running), self._samples
 
     def samples(self, slot: int) -> list[Sample]:
         """The states of one slot after the plans of the last segment."""

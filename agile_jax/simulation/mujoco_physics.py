@@ -1,5 +1,6 @@
 """Many episodes in MuJoCo's C physics, spread over threads."""
 
+from collections.abc import Sequence
 from types import TracebackType
 
 import mujoco
@@ -9,6 +10,7 @@ import numpy as np
 from agile_jax.settings import BadInput
 from agile_jax.simulation.sensed import Sensed, contact_flags, touch_slots
 
+TRUNK_BODY = 1  # body 0 is the world
 _HUGE = 1e10  # MuJoCo calls a larger number bad (mjMAXVAL)
 
 
@@ -24,13 +26,16 @@ class MujocoPhysics:
     is reset. Left to itself, MuJoCo would replace a bad control by zero and go on.
     """
 
-    def __init__(self, model: mujoco.MjModel, batch: int, threads: int) -> None:
+    def __init__(
+        self, model: mujoco.MjModel, batch: int, threads: int, variants: Sequence[mujoco.MjModel] | None = None
+    ) -> None:
         """Allocate the episodes.
 
         Args:
             model: from `robot.build_mujoco_model`.
             batch: n, number of episodes.
             threads: that step them; 1 steps in the caller's thread.
+            variants: n models that differ from `model` in numbers only, one an episode; by default all have `model`.
 
         Raises:
             BadInput: `threads` is not positive.
@@ -39,6 +44,7 @@ class MujocoPhysics:
             raise BadInput(f"threads = {threads} must be at least 1")
         self.model = model
         self.batch = batch
+        self._models = [model] * batch if variants is None else list(variants)
         self._slots = touch_slots(model)
         # State as mujoco.rollout wants it: time, qpos, qvel. The model has no other.
         self._state = np.zeros((batch, 1 + model.nq + model.nv))
@@ -47,6 +53,7 @@ class MujocoPhysics:
         self._warmstart = np.zeros((batch, model.nv))  # of the contact solver: the last acceleration [m/s^2, rad/s^2]
         self._obstacle_contact = np.zeros(batch, bool)
         self._floor_contact = np.zeros(batch, bool)
+        self._foot_contact = np.zeros((batch, len(self._slots.feet)), bool)
         threads = min(threads, batch)
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         self._rollout = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
@@ -59,14 +66,16 @@ class MujocoPhysics:
         self._warmstart[chosen] = 0.0
         self._obstacle_contact[chosen] = False
         self._floor_contact[chosen] = False
+        self._foot_contact[chosen] = False
         return self._sensed()
 
-    def step(self, torques: np.ndarray, active: np.ndarray | None = None) -> Sensed:
+    def step(self, torques: np.ndarray, active: np.ndarray | None = None, pushes: np.ndarray | None = None) -> Sensed:
         """Advance by one time step of the model.
 
         Args:
             torques: shape (n, 12) [Nm]; clamped to the limits by the model.
             active: shape (n,) bool; the others stay as they are, contact flags included. Default: all.
+            pushes: force on each trunk's centre of mass in the world, shape (n, 3) [N]. Default: none.
 
         Returns:
             The batched state, in arrays of its own.
@@ -77,10 +86,11 @@ class MujocoPhysics:
         self._state[active & ~sound, 1:] = np.nan
         moving = np.flatnonzero(active & sound)
         if len(moving):
-            self._step_episodes(moving, torques[moving])
+            self._step_episodes(moving, torques[moving], None if pushes is None else pushes[moving])
         touches = ~active | self._sound()  # a state that is not finite touches nothing
         self._obstacle_contact &= touches
         self._floor_contact &= touches
+        self._foot_contact &= touches[:, None]
         return self._sensed()
 
     def close(self) -> None:
@@ -99,20 +109,29 @@ class MujocoPhysics:
         """Episodes whose state MuJoCo accepts: shape (n,). A NaN fails the comparison."""
         return np.all(np.abs(self._state) < _HUGE, axis=-1)
 
-    def _step_episodes(self, episodes: np.ndarray, torques: np.ndarray) -> None:
+    def _step_episodes(self, episodes: np.ndarray, torques: np.ndarray, pushes: np.ndarray | None) -> None:
+        control, kind = torques, mujoco.mjtState.mjSTATE_CTRL.value
+        if pushes is not None:
+            wrenches = np.zeros((len(episodes), self.model.nbody, 6))
+            wrenches[:, TRUNK_BODY, :3] = pushes
+            control = np.concatenate([torques, wrenches.reshape(len(episodes), -1)], -1)
+            kind |= mujoco.mjtState.mjSTATE_XFRC_APPLIED.value
         states, sensordata = self._rollout.rollout(
-            [self.model] * len(episodes),
+            [self._models[episode] for episode in episodes],
             self._data,
             self._state[episodes],
-            torques[:, None],
+            control[:, None],
+            control_spec=kind,
             nstep=1,
             initial_warmstart=self._warmstart[episodes],
         )
         velocity = self._qvel[episodes]
         self._state[episodes] = states[:, 0]
         self._warmstart[episodes] = (self._qvel[episodes] - velocity) / self.model.opt.timestep
-        self._obstacle_contact[episodes], self._floor_contact[episodes] = contact_flags(sensordata[:, 0], self._slots)
+        flags = contact_flags(sensordata[:, 0], self._slots)
+        self._obstacle_contact[episodes], self._floor_contact[episodes], self._foot_contact[episodes] = flags
 
     def _sensed(self) -> Sensed:
         # Copies: JAX may use a NumPy array's memory in place, and the next step overwrites it.
-        return Sensed(self._qpos.copy(), self._qvel.copy(), self._obstacle_contact.copy(), self._floor_contact.copy())
+        flags = (self._obstacle_contact, self._floor_contact, self._foot_contact)
+        return Sensed(self._qpos.copy(), self._qvel.copy(), *(flag.copy() for flag in flags))

@@ -46,6 +46,8 @@ def batch_loop(loop: ClosedLoop) -> BatchLoop:
 class MujocoSlots:
     """Slots in C MuJoCo. One advance is one plan and the control steps until the next."""
 
+    plans_per_advance = 1
+
     def __init__(
         self, loop: BatchLoop, physics: MujocoPhysics, parameters: Any, planner: PathPlanner | None = None
     ) -> None:
@@ -93,6 +95,7 @@ class MujocoSlots:
             paths = self._planner.paths
         episodes = self.loop.plan(self.parameters, paths, self._episodes, as_float32(self._sensed))
         self._plans += self._active
+        self._was_active = self._active.copy()
         for _ in range(self.loop.acts_per_plan):
             episodes = self.loop.act(episodes, as_float32(self._sensed))
             self._sensed = self.physics.step(np.asarray(episodes.torque, np.float64), self._active)
@@ -107,6 +110,15 @@ class MujocoSlots:
         outcome = jax.tree.map(lambda values: np.asarray(values)[slots], self._episodes.outcome)
         failures = np.asarray(self._episodes.controller.mpc_failures)[slots]
         return Rollout(outcome, failures, self._plans[slots])
+
+    def snapshot(self) -> tuple[np.ndarray, Sample]:
+        """The states of all slots after the last plan: was it running (count, 1), samples (count, 1, ...)."""
+        assert self._episodes is not None
+        reference = self._episodes.reference
+        references = np.concatenate([np.asarray(reference.pose), np.asarray(reference.velocity)], -1)
+        # A copy: the torques' memory is given to the next plan.
+        sample = Sample(self._sensed.qpos, self._sensed.qvel, np.array(self._episodes.torque), references)
+        return self._was_active[:, None], Sample(*(values[:, None] for values in sample))
 
     def samples(self, slot: int) -> list[Sample]:
         """The state of one slot after the last plan."""
@@ -134,4 +146,5 @@ def as_float32(sensed: Sensed) -> Sensed:
         jnp.asarray(sensed.qvel, jnp.float32),
         jnp.asarray(sensed.obstacle_contact),
         jnp.asarray(sensed.floor_contact),
+        jnp.asarray(sensed.foot_contact),
     )

@@ -69,12 +69,12 @@ def make_closed_loop(
     limit = jnp.asarray(acceleration_limit, jnp.float32)
 
     def init(sensed: Sensed, time_limit: jax.Array) -> Episode:
-        state = robot_state(sensed.qpos, sensed.qvel)
+        state = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
         reference = ReferenceState(trunk_pose(sensed), jnp.zeros_like(limit))
         return Episode(controller.init(state), reference, init_outcome(time_limit), jnp.zeros(12))
 
     def plan(parameters: Any, path: Any, episode: Episode, sensed: Sensed) -> Episode:
-        state = robot_state(sensed.qpos, sensed.qvel)
+        state = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
         reference_state, reference = plan_reference(
             command, parameters, path, episode.reference, trunk_pose(sensed), episode.outcome.time, limit, settings
         )
@@ -93,7 +93,7 @@ def make_closed_loop(
             jnp.asarray(robot.torque_limit, jnp.float32),
             settings.control_dt,
         )
-        state, torque = controller.act(episode.controller, robot_state(sensed.qpos, sensed.qvel))
+        state, torque = controller.act(episode.controller, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact))
         return episode._replace(controller=state, outcome=outcome, torque=torque)
 
     return ClosedLoop(init, plan, act, settings.control_dt, round(settings.plan_dt / settings.control_dt))

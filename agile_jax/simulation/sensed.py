@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import mujoco
 import numpy as np
 
-from agile_jax.robot import TOUCH_FLOOR_PREFIX, TOUCH_OBSTACLE_PREFIX
+from agile_jax.robot import LEG_NAMES, TOUCH_FLOOR_PREFIX, TOUCH_FOOT_PREFIX, TOUCH_OBSTACLE_PREFIX
 
 Array = Any  # numpy.ndarray or jax.Array
 
@@ -21,6 +21,7 @@ class Sensed(NamedTuple):
     qvel: Array  # (..., 18) [m/s in the world, rad/s in the base, rad/s]
     obstacle_contact: Array  # (...) bool: some part of the robot touched an obstacle
     floor_contact: Array  # (...) bool: trunk, hip or thigh touched the floor
+    foot_contact: Array  # (..., 4) bool: what each foot feels
 
 
 class TouchSlots(NamedTuple):
@@ -28,6 +29,7 @@ class TouchSlots(NamedTuple):
 
     obstacle: np.ndarray
     floor: np.ndarray
+    feet: np.ndarray  # (4,) indices instead
 
 
 def touch_slots(model: mujoco.MjModel) -> TouchSlots:
@@ -38,18 +40,19 @@ def touch_slots(model: mujoco.MjModel) -> TouchSlots:
         slot = int(model.sensor_adr[index])
         obstacle[slot] = sensor.name.startswith(TOUCH_OBSTACLE_PREFIX)
         floor[slot] = sensor.name.startswith(TOUCH_FLOOR_PREFIX)
-    return TouchSlots(obstacle, floor)
+    feet = [int(model.sensor_adr[model.sensor(TOUCH_FOOT_PREFIX + leg).id]) for leg in LEG_NAMES]
+    return TouchSlots(obstacle, floor, np.array(feet))
 
 
-def contact_flags(sensordata: Array, slots: TouchSlots) -> tuple[Array, Array]:
-    """Which forbidden contacts there are. Two geoms touch when they overlap.
+def contact_flags(sensordata: Array, slots: TouchSlots) -> tuple[Array, Array, Array]:
+    """Which contacts there are. Two geoms touch when they overlap.
 
     Args:
         sensordata: NumPy or JAX, shape (..., nsensordata): number of contacts per sensor.
         slots: of the model.
 
     Returns:
-        obstacle_contact, floor_contact: shape (...), bool.
+        obstacle_contact, floor_contact: shape (...), bool; foot_contact: shape (..., 4), bool.
     """
     touching = sensordata > 0
-    return (touching & slots.obstacle).any(-1), (touching & slots.floor).any(-1)
+    return (touching & slots.obstacle).any(-1), (touching & slots.floor).any(-1), touching[..., slots.feet]

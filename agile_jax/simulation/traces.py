@@ -1,6 +1,6 @@
 """Recording chosen episodes at the rate of the MPC, for figures and videos."""
 
-from collections import defaultdict
+from collections import defaultdict, deque
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -53,6 +53,39 @@ class Recorder:
     def traces(self, scene: Scene, plan_dt: float) -> list[Trace]:
         """The traces in the order of the episodes, with the clearance of the torso's envelope in `scene`."""
         return [_trace(self._samples[episode], scene, plan_dt) for episode in sorted(self._samples)]
+
+
+class Snapshots(Protocol):
+    """Slots that can be looked into all at once."""
+
+    @property
+    def plans_per_advance(self) -> int:
+        """Plans between two looks."""
+
+    def snapshot(self) -> tuple[np.ndarray, Sample]:
+        """After the last advance of count slots: was it running (count, k), samples (count, k, ...)."""
+
+
+class LastStates:
+    """Keeps the last second or so of all episodes, to look at those that fail; pass it as `watch`."""
+
+    def __init__(self, slots: Snapshots, plans: int = 50) -> None:
+        self._slots = slots
+        looks = -(-plans // slots.plans_per_advance)
+        self._history: deque[tuple[np.ndarray, np.ndarray, Sample]] = deque(maxlen=looks)
+
+    def __call__(self, holds: np.ndarray) -> None:
+        """Take a snapshot; `holds` is the episode of each slot."""
+        self._history.append((holds.copy(), *self._slots.snapshot()))
+
+    def trace(self, episode: int, end: float, scene: Scene, plan_dt: float) -> Trace:
+        """The last samples of an episode that ended at time `end` [s]."""
+        samples = []
+        for holds, running, batch in self._history:
+            for slot in np.flatnonzero(holds == episode):
+                samples += [Sample(*(np.asarray(a[slot][k]) for a in batch)) for k in np.flatnonzero(running[slot])]
+        trace = _trace(samples, scene, plan_dt)
+        return trace._replace(time=trace.time + end - trace.time[-1])
 
 
 def _trace(samples: list[Sample], scene: Scene, plan_dt: float) -> Trace:

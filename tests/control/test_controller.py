@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agile_jax.control import ControlSettings, Reference, make_controller
-from agile_jax.control.torques import gravity_torque, passive_torque
+from agile_jax.control.torques import gravity_torque, leg_inertia, passive_torque
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, robot_state, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
@@ -52,6 +52,18 @@ def test_passive_torque_cancels_the_joints_damping(seed: int):
     torque = np.array(passive_torque(ROBOT, jnp.asarray(data.qvel[6:])))
     friction = ROBOT.joint_friction * np.tanh(data.qvel[6:] / 0.3)
     np.testing.assert_allclose(torque - friction, -data.qfrc_passive[6:], atol=1e-4)
+
+
+def test_leg_inertia_is_mujocos():
+    """The blocks of the mass matrix: with the trunk held, legs do not couple."""
+    data = random_state(0)
+    mujoco.mj_forward(model(), data)
+    mass = np.zeros((18, 18))
+    mujoco.mj_fullM(model(), mass, data.qM)
+    inertia = leg_inertia(ROBOT, data.qpos[7:19].astype(np.float32))
+    for leg in range(4):
+        block = slice(6 + 3 * leg, 9 + 3 * leg)
+        np.testing.assert_allclose(inertia[leg], mass[block, block], atol=1e-5)
 
 
 @lru_cache

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from agile_jax.control import GaitSettings, gait
 from agile_jax.control.swing import foothold, forward_reach, swing_path
@@ -11,19 +12,83 @@ from agile_jax.robot import RobotSettings, leg_inverse_kinematics, load_robot
 SETTINGS = GaitSettings()
 
 
+def at_phase(phase: float, walk: float = 0.0, stand: bool = False) -> gait.Gait:
+    begun = gait.start(SETTINGS)
+    now = begun._replace(phase=jnp.float32(phase), walk=jnp.float32(walk), stand=jnp.bool_(stand))
+    return now._replace(landed=gait.scheduled(SETTINGS, now))
+
+
+def schedule_over_a_cycle(walk: float) -> np.ndarray:
+    phases = np.linspace(0, 1, 2_000, endpoint=False, dtype=np.float32)
+    return np.array(jax.vmap(lambda phase: gait.scheduled(SETTINGS, at_phase(0.0, walk)._replace(phase=phase)))(phases))
+
+
 def test_trot_moves_diagonal_legs_together_and_stands_for_its_duty():
-    times = jnp.linspace(0, 10 * SETTINGS.period, 10_000, endpoint=False)
-    stands = np.array(gait.stance(SETTINGS, times))
+    stands = schedule_over_a_cycle(0.0)
     np.testing.assert_array_equal(stands[:, 0], stands[:, 3])
     np.testing.assert_array_equal(stands[:, 1], stands[:, 2])
     np.testing.assert_allclose(stands.mean(0), SETTINGS.duty, atol=2e-3)
     assert stands.any(-1).all()  # duty above one half: never all feet in the air
 
 
-def test_swing_progress_runs_from_0_to_1_in_the_swing_duration():
-    begin = SETTINGS.period * SETTINGS.duty
-    times = jnp.array([begin, begin + gait.swing_duration(SETTINGS) / 2, SETTINGS.period - 1e-6])
-    np.testing.assert_allclose(gait.swing_progress(SETTINGS, times)[:, 0], [0, 0.5, 1], atol=1e-4)
+def test_walk_lifts_one_foot_at_a_time_each_side_from_behind():
+    stands = schedule_over_a_cycle(1.0)
+    np.testing.assert_allclose(stands.mean(0), SETTINGS.walk_duty, atol=2e-3)
+    assert (stands.sum(-1) >= 3).all()
+    lifts = {leg: np.flatnonzero(np.diff(stands[:, leg].astype(int)) == -1)[0] for leg in range(4)}
+    order = sorted(lifts, key=lifts.__getitem__)
+    first = order.index(2)
+    assert order[first:] + order[:first] == [2, 0, 3, 1]  # RR, FR, RL, FL
+
+
+@pytest.mark.parametrize("walk", [0.0, 1.0])
+def test_standing_stops_with_all_feet_down_and_goes_on_from_there(walk: float):
+    now = at_phase(0.2, walk, stand=True)
+    ahead = np.array(gait.contacts_ahead(SETTINGS, now, jnp.linspace(0.0, 1.0, 50)))
+    assert not ahead.all()  # a swing is finished first
+    for _ in range(300):
+        now = gait.advance(SETTINGS, now, 0.002, None)
+    assert now.phase in (0.0, 0.5)
+    assert gait.scheduled(SETTINGS, now).all()
+    assert np.array(gait.contacts_ahead(SETTINGS, now, jnp.linspace(0.0, 1.0, 50))).all()
+    again = gait.advance(SETTINGS, now._replace(stand=jnp.bool_(False)), 0.002, None)
+    assert 0 < again.phase - now.phase < 0.01
+
+
+def test_early_contact_makes_a_foot_stand_only_late_in_its_swing():
+    touching = jnp.array([False, True, True, False])
+    begins = at_phase(0.1)  # FL and RR swing: progress 0.11
+    assert not gait.standing(SETTINGS, gait.advance(SETTINGS, begins, 0.002, touching))[1]
+    ends = at_phase(0.4)  # progress 0.78
+    landed = gait.advance(SETTINGS, ends, 0.002, touching)
+    assert gait.standing(SETTINGS, landed).all()
+    # It stays so without touching, and the MPC counts on it until its stance is over.
+    later = gait.advance(SETTINGS, landed, 0.002, jnp.zeros(4, bool))
+    assert gait.standing(SETTINGS, later).all()
+    assert gait.contacts_ahead(SETTINGS, later, jnp.array([0.0, 0.02]))[:, 1].all()
+
+
+def test_a_foot_that_misses_the_ground_reaches_further_and_bears_nothing():
+    missing = at_phase(0.3)._replace(landed=jnp.array([False, False, False, True]))  # FR is missing
+    late = np.array(gait.late_by(SETTINGS, missing))
+    assert late[0] == pytest.approx(0.3 * SETTINGS.period - gait.GRACE, abs=1e-6)
+    assert not late[1:].any()
+    assert gait.swing_progress(SETTINGS, missing)[0] == 1.0
+    contacts = gait.contacts_ahead(SETTINGS, missing, jnp.array([0.0, 0.03]))
+    assert not contacts[0, 0]
+    assert contacts[1, 0]
+
+
+def test_walk_and_trot_blend_and_periods_follow_the_speed():
+    settings = GaitSettings(walk_speed=0.3, slow_period=0.4)
+    moving = gait.start(settings)
+    for _ in range(60):
+        moving = gait.schedule(settings, moving, jnp.float32(0.6), jnp.bool_(False), 0.02)
+    assert moving.walk == 0.0
+    assert moving.period == pytest.approx(settings.period)
+    slower = gait.schedule(settings, moving, jnp.float32(0.25), jnp.bool_(False), 0.02)
+    assert slower.walk == pytest.approx(0.02)
+    assert gait.step_height(settings, jnp.float32(0.0), jnp.float32(1.0)) == pytest.approx(settings.slow_step_height)
 
 
 def test_swing_path_starts_and_ends_at_rest_and_reaches_its_apex():
@@ -34,13 +99,13 @@ def test_swing_path_starts_and_ends_at_rest_and_reaches_its_apex():
         return swing_path(lift_off, touch_down, height, progress, duration)
 
     for progress, expected in ((0.0, lift_off), (1.0, touch_down)):
-        position, velocity = path(jnp.float32(progress))
+        position, velocity, _ = path(jnp.float32(progress))
         np.testing.assert_allclose(position, expected, atol=1e-6)
         np.testing.assert_allclose(velocity, 0, atol=1e-5)
     assert np.isclose(path(jnp.float32(0.5))[0][2], 0.03 + 0.05)
 
 
-def test_swing_velocity_is_the_derivative_of_position():
+def test_swing_velocity_and_acceleration_are_derivatives():
     lift_off, touch_down = jnp.array([0.1, -0.1, 0.02]), jnp.array([0.25, -0.12, 0.03])
     duration = 0.16
 
@@ -48,9 +113,10 @@ def test_swing_velocity_is_the_derivative_of_position():
         return swing_path(lift_off, touch_down, jnp.float32(0.05), progress, duration)[0]
 
     for progress in (0.1, 0.4, 0.6, 0.9):
-        expected = jax.jacfwd(position)(jnp.float32(progress)) / duration
-        velocity = swing_path(lift_off, touch_down, jnp.float32(0.05), jnp.float32(progress), duration)[1]
-        np.testing.assert_allclose(velocity, expected, atol=1e-5)
+        rate = jax.jacfwd(position)
+        _, velocity, acceleration = swing_path(lift_off, touch_down, jnp.float32(0.05), jnp.float32(progress), duration)
+        np.testing.assert_allclose(velocity, rate(jnp.float32(progress)) / duration, atol=1e-5)
+        np.testing.assert_allclose(acceleration, jax.jacfwd(rate)(jnp.float32(progress)) / duration**2, atol=1e-3)
 
 
 def test_foothold_is_symmetric_and_catches_a_push():

@@ -1,10 +1,11 @@
 """The published constants are those of the compiled MuJoCo model, one by one."""
 
+import a1_published as published
 import mujoco
 import numpy as np
 import pytest
 
-from agile_jax.robot import JOINT_NAMES, LEG_NAMES, RobotSettings, build_mujoco_model, constants, load_robot
+from agile_jax.robot import JOINT_NAMES, LEG_NAMES, RobotSettings, build_mujoco_model, load_robot
 from agile_jax.scene import SceneSettings, make_scene
 
 LINKS = ["trunk"] + [f"{leg}_{link}" for leg in LEG_NAMES for link in ("hip", "thigh", "calf")]
@@ -19,6 +20,20 @@ def model() -> mujoco.MjModel:
 @pytest.fixture(scope="module")
 def robot():
     return load_robot(RobotSettings())
+
+
+def test_constants_read_from_the_mjcf_are_the_published_ones(robot):
+    links = published.links()
+    inertias = [[[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]] for xx, yy, zz, xy, xz, yz in (k.inertia for k in links)]
+    expected = {
+        "link_masses": [k.mass for k in links],
+        "link_coms": [k.com for k in links],
+        "link_inertias": inertias,
+        **{name: getattr(published, name.upper()) for name in robot._fields if not name.startswith("link_")},
+    }
+    assert expected.keys() == set(robot._fields)
+    for name, value in expected.items():
+        np.testing.assert_allclose(getattr(robot, name), value, rtol=0, atol=1e-6, err_msg=name)
 
 
 def test_total_mass(model, robot):
@@ -60,9 +75,9 @@ def test_calf_is_its_link_and_the_foot():
 
     inertia = link_inertia + at_com(link_mass, link_com - com)
     inertia += 0.4 * foot_mass * 0.02**2 * np.eye(3) + at_com(foot_mass, foot_pos - com)
-    xx, yy, zz, xy, xz, yz = constants.CALF.inertia
-    assert mass == pytest.approx(constants.CALF.mass)
-    np.testing.assert_allclose(constants.CALF.com, com, atol=1e-9)
+    xx, yy, zz, xy, xz, yz = published.CALF.inertia
+    assert mass == pytest.approx(published.CALF.mass)
+    np.testing.assert_allclose(published.CALF.com, com, atol=1e-9)
     np.testing.assert_allclose([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]], inertia, atol=1e-12)
 
 
