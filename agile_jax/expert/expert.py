@@ -10,12 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.certified import CertifiedSolver, applies, make_certified_solver, solve_certified
+from agile_jax.expert.certified import CertifiedSolver, Task, applies, make_certified_solver, solve_certified
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
 from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space
-from agile_jax.expert.routes import Route, branch_name, branch_rank, find_routes
+from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
 from agile_jax.expert.verify import rejection, verify
@@ -65,8 +65,8 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         detours: list[Route] = []  # they need a search each, so that the others go first
 
         def attempt(route: Route) -> float:
-            rival = (least - profile.duration) / settings.effort_weight
-            attained = solve_certified(certified[condition], route, profile, start, scene.target, rival)
+            rival = (least * (1 + TIE) - profile.duration) / settings.effort_weight
+            attained = solve_certified(Task(certified[condition], route, profile, start, scene.target), rival)
             if attained is None:
                 return np.inf
             trajectory, effort = attained
@@ -74,11 +74,11 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             found.append((route, trajectory, objective))
             return objective
 
-        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
-            if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
+        search = RouteSearch(space, start, scene.target, settings, condition, profile)
+        for _ in range(settings.max_routes):
+            route = search.next(least * (1 + TIE))
+            if route is None:
                 break
-            if route.duration_bound > profile.duration * (1 + TIE):
-                continue
             if any(pin.axis != profile.axis for pin in route.pins):
                 detours.append(route)
             else:
@@ -91,7 +91,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
             rival = candidates.get(branch)
             candidate = Candidate(branch, route.detours, trajectory, objective, _UNKNOWN, CERTIFIED)
-            if rival is None or _better(candidate, rival):
+            if rival is None or _better(candidate, rival, TIE):
                 candidates[branch] = candidate
         while candidates:
             best = _choose(list(candidates.values()))
@@ -111,7 +111,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
         space: FreeSpace | None = None
-        if applies(settings):
+        if applies(settings, condition):
             space = make_free_space(scene, settings, start)
             attained = fast(start, condition, space, profile)
             if attained is not None:
@@ -123,8 +123,10 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         candidates: list[Candidate] = []
         least = np.inf
         causes: list[str] = []
-        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
-            if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
+        search = RouteSearch(space, start, scene.target, settings, condition)
+        for _ in range(settings.max_routes):
+            route = search.next(least * (1 + TIE))
+            if route is None:
                 break
             candidate = ladder.solve(space, route, start, condition, profile, first, guess)
             if isinstance(candidate, str):
@@ -185,9 +187,9 @@ def failed_solution(settings: ExpertSettings, bound: float, cause: str, seconds:
     return ExpertSolution(empty, 0.0, bound, 0.0, "", 0.0, "failed", cause, *zeros, "", (), seconds)
 
 
-def _better(candidate: Candidate, rival: Candidate) -> bool:
+def _better(candidate: Candidate, rival: Candidate, grid: float = GRID) -> bool:
     """Whether a candidate describes their common branch better."""
-    if abs(candidate.objective - rival.objective) <= GRID * rival.objective and candidate.detours != rival.detours:
+    if abs(candidate.objective - rival.objective) <= grid * rival.objective and candidate.detours != rival.detours:
         return candidate.detours < rival.detours
     return candidate.objective < rival.objective
 

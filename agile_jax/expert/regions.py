@@ -66,11 +66,13 @@ class Region(NamedTuple):
 
 
 class FreeSpace(NamedTuple):
-    """All regions for one pair of start and target."""
+    """What all regions for one pair of start and target are made of. There is one for every choice of sides, six to
+    the power of the number of obstacles, so they are made when they are asked for (`make_region`)."""
 
     sides: tuple[tuple[Side, ...], ...]  # per obstacle
     heights: tuple[float, ...]  # of the obstacles' centres [m]
-    regions: tuple[Region, ...]
+    lower: np.ndarray  # (4,) bounds of the pose
+    upper: np.ndarray  # (4,)
     half_size: np.ndarray  # (3,) of the torso
     exact: bool  # whether faces have rows
 
@@ -122,7 +124,7 @@ def boxes_suffice(scene: Scene, start: np.ndarray) -> bool:
 
 
 def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray, exact: bool = False) -> FreeSpace:
-    """The regions for one start pose, shape (4,), in a fixed order."""
+    """The sides of all obstacles for one start pose, shape (4,)."""
     lower, upper = scene.lower.astype(float), scene.upper.astype(float)
     lower[3] = min(start[3], scene.target[3]) - YAW_SLACK
     upper[3] = max(start[3], scene.target[3]) + YAW_SLACK
@@ -136,23 +138,34 @@ def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray, e
             sides = _box_sides(scene, i, margin, lower, upper, ends)
         per_obstacle.append(tuple(side for side in sides if (side.lower <= side.upper).all()))
 
-    regions = []
-    for choice in product(*(range(len(sides)) for sides in per_obstacle)):
-        chosen = [sides[i] for i, sides in zip(choice, per_obstacle, strict=True)]
-        low = np.max([lower, *(side.lower for side in chosen)], axis=0)
-        high = np.min([upper, *(side.upper for side in chosen)], axis=0)
-        if (low > high).any():
-            continue
-        faces = np.array([side.face for side in chosen]).reshape(-1, 4)
-        polygon: Polygon = ()
-        if exact:
-            polygon = clip_by_sides(rectangle(low, high), chosen, low, high)
-            if not polygon:
-                continue
-            low[:2], high[:2] = np.min(polygon, axis=0), np.max(polygon, axis=0)
-        regions.append(Region(choice, low, high, faces, polygon))
     heights = tuple(scene.obstacle_centers[:, 2].tolist())
-    return FreeSpace(tuple(per_obstacle), heights, tuple(regions), scene.torso_half_size, exact)
+    return FreeSpace(tuple(per_obstacle), heights, lower, upper, scene.torso_half_size, exact)
+
+
+def make_region(space: FreeSpace, choice: tuple[int, ...]) -> Region | None:
+    """The region on one side of each obstacle, by the sides' indices; None when it is empty."""
+    chosen = [sides[i] for i, sides in zip(choice, space.sides, strict=True)]
+    low = np.max([space.lower, *(side.lower for side in chosen)], axis=0)
+    high = np.min([space.upper, *(side.upper for side in chosen)], axis=0)
+    if (low > high).any():
+        return None
+    polygon: Polygon = ()
+    if space.exact:
+        polygon = clip_by_sides(rectangle(low, high), chosen, low, high)
+        if not polygon:
+            return None
+        low[:2], high[:2] = np.min(polygon, axis=0), np.max(polygon, axis=0)
+    return Region(choice, low, high, np.array([side.face for side in chosen]).reshape(-1, 4), polygon)
+
+
+def regions_around(space: FreeSpace, pose: np.ndarray) -> list[Region]:
+    """The regions that hold a pose, shape (4,), in a fixed order."""
+    per_obstacle = []
+    for sides in space.sides:
+        near = [i for i, side in enumerate(sides) if _in_box(side, pose)]
+        per_obstacle.append(near)
+    regions = (make_region(space, choice) for choice in product(*per_obstacle))
+    return [region for region in regions if region is not None and holds(space, region, pose)]
 
 
 def rectangle(low: np.ndarray, high: np.ndarray) -> Polygon:
@@ -171,12 +184,19 @@ def clip_by_sides(polygon: Polygon, sides: Sequence[Side], low: np.ndarray, high
 
 def holds(space: FreeSpace, region: Region, pose: np.ndarray) -> bool:
     """Whether a pose, shape (4,), is in a region."""
-    if (pose < region.lower - CONTAINMENT).any() or (pose > region.upper + CONTAINMENT).any():
+    if not _in_box(region, pose):
         return False
+    if not space.exact:
+        return True
     turned = rotation_2d(pose[3]).T @ region.faces[:, :2].T  # (2, n) normals in the torso's frame
     footprint = space.half_size[:2] @ np.abs(turned)
     beyond = region.faces[:, :3] @ pose[:3] - footprint - region.faces[:, 3]
     return bool((beyond >= -CONTAINMENT).all())
+
+
+def _in_box(part: Side | Region, pose: np.ndarray) -> bool:
+    """Whether a pose is in the box around a side or region."""
+    return bool(((pose >= part.lower - CONTAINMENT) & (pose <= part.upper + CONTAINMENT)).all())
 
 
 def _box_sides(
@@ -244,7 +264,7 @@ def _exact_sides(
 def _beyond(side: Side, pose: np.ndarray, torso: np.ndarray) -> bool:
     """Whether a pose is on an exact side."""
     if side.face is NO_ROW:
-        return bool((pose >= side.lower - CONTAINMENT).all() and (pose <= side.upper + CONTAINMENT).all())
+        return _in_box(side, pose)
     footprint_now = torso[:2] @ np.abs(rotation_2d(pose[3]).T @ side.face[:2])
     return bool(side.face[:3] @ pose[:3] - footprint_now >= side.face[3] - CONTAINMENT)
 

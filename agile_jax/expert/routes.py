@@ -9,13 +9,24 @@ anywhere in the overlap, which would make the labels ambiguous.
 
 import heapq
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from agile_jax.expert.minimum_time import minimum_time, route_bounds
-from agile_jax.expert.regions import CONTAINMENT, FreeSpace, Region, Side, clip_by_sides, holds
+from agile_jax.expert.profile import Profile
+from agile_jax.expert.regions import (
+    CONTAINMENT,
+    FreeSpace,
+    Region,
+    Side,
+    clip_by_sides,
+    holds,
+    make_region,
+    regions_around,
+)
 from agile_jax.expert.separation import Polygon, clip
 from agile_jax.expert.settings import ExpertSettings
 
@@ -27,14 +38,19 @@ BRANCH_ORDER = (
     "over",
 )  # of equally good routes the first wins; others follow by name
 MAX_EXPANSIONS = 20_000
+ROUNDING = 1e-6  # relative, of the time that routes may take
+PATIENCE = 50  # expansions without a route after which it is asked whether there is any
+
+
+Choice = tuple[int, ...]  # a region by the index of its side, per obstacle
 
 
 class Boundary(NamedTuple):
     """Where a route goes over from one region to the next."""
 
     pin: Side  # on whose face
-    lower: np.ndarray  # (4,) box around it, of the pose
-    upper: np.ndarray  # (4,)
+    lower: tuple[float, ...]  # (4,) box around it, of the pose
+    upper: tuple[float, ...]  # (4,)
 
 
 class Route(NamedTuple):
@@ -82,54 +98,139 @@ def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
     return "+".join(dict.fromkeys(names)) or "direct"
 
 
+class RouteSearch:
+    """Every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
+
+    A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
+    lower bound never falls when a route gets longer. A longer path waits with the bound of the shorter one, and gets
+    its own when its turn comes.
+
+    Args:
+        profile: of the slowest axis, when only routes are wanted that may take its time; the bounds are then for
+            motions of that duration.
+    """
+
+    def __init__(
+        self,
+        space: FreeSpace,
+        start: np.ndarray,
+        target: np.ndarray,
+        settings: ExpertSettings,
+        initial_velocity: str,
+        profile: Profile | None = None,
+    ) -> None:
+        # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
+        bounds = np.array(settings.velocity), np.array(settings.acceleration)
+        times = minimum_time(target - start, *bounds, initial_velocity)
+        self._priority = (*np.argsort(-times[:2], kind="stable").tolist(), 2)
+        self._graph = _Graph(space, self._priority, target)
+        self._starts = {region.sides: region for region in regions_around(space, start)}
+        self._graph.regions.update(self._starts)
+        self._problem = (settings, initial_velocity)
+        self._ends = (start.tolist(), target.tolist())
+        self._known = None if profile is None else (profile.axis, profile.effort, profile.duration)
+        self._longest = math.inf if profile is None else profile.duration * (1 + ROUNDING)
+        # (bound, path, route); the last is None while the bound is that of the path without its end.
+        self._heap: list[tuple[float, tuple[Choice, ...], Route | None]] = [
+            (0.0, (choice,), None) for choice in sorted(self._starts)
+        ]
+        self._expansions = 0
+        self._found = False
+
+    def next(self, most: float = math.inf) -> Route | None:
+        """The next route; None when there is none whose bound is at most `most`, which must never grow."""
+        heap = self._heap
+        while heap and heap[0][0] <= most and self._expansions < MAX_EXPANSIONS:
+            bound, path, route = heapq.heappop(heap)
+            if route is None:
+                route = self._evaluate(bound, path)
+                if route.duration_bound > self._longest or route.objective_bound > most:
+                    continue
+                if heap and route.objective_bound > heap[0][0]:
+                    heapq.heappush(heap, (route.objective_bound, path, route))
+                    continue
+            if self._graph.ends(path[-1]):
+                self._found = True
+                return route
+            self._expansions += 1
+            if self._expansions == PATIENCE and not self._found and not self._graph.connects(self._starts):
+                heap.clear()
+                return None
+            for choice in self._graph.neighbours(path[-1]):
+                if choice not in self._starts and not _returns(path, choice):
+                    heapq.heappush(heap, (route.objective_bound, (*path, choice), None))
+        return None
+
+    def _evaluate(self, bound: float, path: tuple[Choice, ...]) -> Route:
+        graph, (start, target) = self._graph, self._ends
+        crossed = tuple(graph.neighbours(a)[b] for a, b in itertools.pairwise(path))
+        boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
+        duration, objective = route_bounds(start, boxes, target, *self._problem, self._known)
+        detours = sum(boundary.pin.axis != self._priority[0] for boundary in crossed)
+        return Route(tuple(graph.regions[c] for c in path), crossed, detours, duration, max(objective, bound))
+
+
 def find_routes(
     space: FreeSpace, start: np.ndarray, target: np.ndarray, settings: ExpertSettings, initial_velocity: str
 ) -> Iterator[Route]:
-    """Yield every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
+    """Yield all routes in the order of `RouteSearch`."""
+    search = RouteSearch(space, start, target, settings, initial_velocity)
+    while (route := search.next()) is not None:
+        yield route
 
-    A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
-    lower bound never falls when a route gets longer.
-    """
-    regions = space.regions
-    holds_start = [holds(space, region, start) for region in regions]
-    holds_target = [holds(space, region, target) for region in regions]
-    index = {region.sides: i for i, region in enumerate(regions)}
-    # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
-    times = minimum_time(target - start, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
-    priority = [*np.argsort(-times[:2], kind="stable").tolist(), 2]
-    known: dict[int, dict[int, Boundary]] = {}
 
-    def neighbours(i: int) -> dict[int, Boundary]:
-        if i not in known:
-            known[i] = dict(sorted(_neighbours(space, regions[i], index, priority), key=lambda pair: pair[0]))
-        return known[i]
+class _Graph:
+    """Regions and the boundaries between them, made when they are first asked for."""
 
-    def boundaries(path: tuple[int, ...]) -> list[Boundary]:
-        return [neighbours(i)[j] for i, j in itertools.pairwise(path)]
+    def __init__(self, space: FreeSpace, priority: Sequence[int], target: np.ndarray) -> None:
+        self._space, self._priority, self._target = space, priority, target
+        self.regions: dict[Choice, Region] = {}
+        self._empty: set[Choice] = set()
+        self._ends: dict[Choice, bool] = {}
+        self._neighbours: dict[Choice, dict[Choice, Boundary]] = {}
 
-    heap: list[tuple[float, tuple[int, ...]]] = []
+    def neighbours(self, choice: Choice) -> dict[Choice, Boundary]:
+        """Regions that differ in the side of one obstacle, in a fixed order, with the boundary in between."""
+        if choice not in self._neighbours:
+            found = {}
+            for obstacle, side in enumerate(choice):
+                for other in range(len(self._space.sides[obstacle])):
+                    there = (*choice[:obstacle], other, *choice[obstacle + 1 :])
+                    if other != side and self._exists(there):
+                        a, b = self.regions[choice], self.regions[there]
+                        boundary = _boundary(self._space, obstacle, a, b, self._priority)
+                        if boundary is not None:
+                            found[there] = boundary
+            self._neighbours[choice] = dict(sorted(found.items()))
+        return self._neighbours[choice]
 
-    def push(path: tuple[int, ...]) -> None:
-        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path)]
-        heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path))
+    def ends(self, choice: Choice) -> bool:
+        """Whether a region holds the target."""
+        if choice not in self._ends:
+            self._ends[choice] = holds(self._space, self.regions[choice], self._target)
+        return self._ends[choice]
 
-    for i in range(len(regions)):
-        if holds_start[i]:
-            push((i,))
-    expansions = 0
-    while heap and expansions < MAX_EXPANSIONS:
-        expansions += 1
-        _, path = heapq.heappop(heap)
-        if holds_target[path[-1]]:
-            crossed = boundaries(path)
-            boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
-            bounds = route_bounds(start, boxes, target, settings, initial_velocity)
-            detours = sum(boundary.pin.axis != priority[0] for boundary in crossed)
-            yield Route(tuple(regions[i] for i in path), tuple(crossed), detours, *bounds)
-            continue
-        for j in neighbours(path[-1]):
-            if not holds_start[j] and not _returns([regions[i] for i in path], regions[j]):
-                push((*path, j))
+    def connects(self, starts: Iterable[Choice]) -> bool:
+        """Whether any sequence of neighbours leads from one of the regions to one that holds the target."""
+        seen = set(starts)
+        waiting = list(seen)
+        while waiting:
+            choice = waiting.pop()
+            if self.ends(choice):
+                return True
+            fresh = [there for there in self.neighbours(choice) if there not in seen]
+            seen.update(fresh)
+            waiting += fresh
+        return False
+
+    def _exists(self, choice: Choice) -> bool:
+        if choice not in self.regions and choice not in self._empty:
+            region = make_region(self._space, choice)
+            if region is None:
+                self._empty.add(choice)
+            else:
+                self.regions[choice] = region
+        return choice in self.regions
 
 
 def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -146,20 +247,7 @@ def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray
     return np.array(points)
 
 
-def _neighbours(
-    space: FreeSpace, region: Region, index: dict[tuple[int, ...], int], priority: list[int]
-) -> Iterator[tuple[int, Boundary]]:
-    """Regions that differ from one in the side of one obstacle, with the boundary in between."""
-    for obstacle, side in enumerate(region.sides):
-        for other in range(len(space.sides[obstacle])):
-            j = index.get((*region.sides[:obstacle], other, *region.sides[obstacle + 1 :]))
-            if other != side and j is not None:
-                boundary = _boundary(space, obstacle, region, space.regions[j], priority)
-                if boundary is not None:
-                    yield j, boundary
-
-
-def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: list[int]) -> Boundary | None:
+def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: Sequence[int]) -> Boundary | None:
     """Where a path goes over from one region to another: on a face, out of the two sides of the obstacle, that passes
     through their intersection; None when there is none."""
     low, high = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
@@ -169,7 +257,8 @@ def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: l
     for pin in sorted((face for face in faces if face.normal.any()), key=lambda face: priority.index(face.axis)):
         box = _pinned_box(space, pin, b, a.polygon, low.copy(), high.copy())
         if box is not None:
-            return Boundary(pin, *box)
+            low, high = box
+            return Boundary(pin, tuple(low.tolist()), tuple(high.tolist()))
     return None
 
 
@@ -198,9 +287,9 @@ def _pinned_box(
     return None if (low > high + CONTAINMENT).any() else (np.minimum(low, high), high)
 
 
-def _returns(path: Sequence[Region], region: Region) -> bool:
-    """Whether a region is on a side of an obstacle that the path has been on and left."""
-    for obstacle, side in enumerate(region.sides):
-        if path[-1].sides[obstacle] != side and any(before.sides[obstacle] == side for before in path):
+def _returns(path: Sequence[Choice], choice: Choice) -> bool:
+    """Whether a choice has a side of an obstacle that the path has been on and left."""
+    for obstacle, side in enumerate(choice):
+        if path[-1][obstacle] != side and any(before[obstacle] == side for before in path):
             return True
     return False
