@@ -24,10 +24,9 @@ from agile_jax.scene import POSE_SIZE
 SHORTEST_DURATION = 1e-2  # [s] below it the program is badly scaled, and nobody needs a fast path
 SAME_TIME = 1e-7  # [s] within which a node counts for both phases that meet there
 SAMPLES = 24  # of a boundary's time at which its effort is bounded
-EVALUATIONS = 8  # of the effort, in the search for that time
-RESOLUTION = 1e-3  # of that time, relative to what it may be
+EVALUATIONS = 6  # more of the effort, in the search for that time
+STEP, EDGE = 0.06, 2e-3  # first step of the search and its resolution, relative to what the time may be
 HOPELESS = 1.2  # the search around the first guess does not lower the effort by this factor
-GOLDEN = (5**0.5 - 1) / 2
 ORDER = (2, 0, 1, 3)  # of the axes: the height is what most often has too little time, it decides first
 
 
@@ -139,47 +138,49 @@ def _search(
 ) -> tuple[Trajectory, float] | None:
     """The least effort over a time in (low, high), from the first guess that is feasible; None when there is none.
 
-    Brent's method: parabolas through the best three, golden sections where they do not help.
+    Successive parabolic interpolation: the effort is a smooth function of the time, and its bound has led near its
+    least. Given up when the first effort is well above `rival`.
     """
-    best, spent = None, 0
     for x in guesses:
-        best, spent = at(x), spent + 1
+        best = at(x)
         if best is not None:
             break
     if best is None or best[1] > HOPELESS * rival:
         return None
-    w = v = x
-    fx = fw = fv = best[1]
-    step = last = 0.0
-    tolerance = RESOLUTION * (high - low)
+    least, step = best[1], STEP * (high - low)
+    edge = EDGE * (high - low)
+    tried = {x: least}  # time: effort
     for _ in range(EVALUATIONS):
-        middle = (low + high) / 2
-        if max(x - low, high - x) <= 2 * tolerance:
+        time = _next_time(tried, low, high, step)
+        time = min(max(time, low + edge), high - edge)
+        if min(abs(time - known) for known in tried) < edge:
             break
-        golden = (high if x < middle else low) - x
-        r, q = (x - w) * (fx - fv), (x - v) * (fx - fw)
-        p, q = (x - v) * q - (x - w) * r, 2 * (q - r)
-        before, last = last, step
-        if abs(q) > 0 and np.isfinite(p / q) and abs(p / q) < abs(before / 2) and low < x - p / q < high:
-            step = -p / q
-        else:
-            last, step = golden, (1 - GOLDEN) * golden
-        time = x + (step if abs(step) >= tolerance else np.copysign(tolerance, step))
         found = at(time)
-        value = np.inf if found is None else found[1]
-        if value <= fx:
-            low, high = (x, high) if time >= x else (low, x)
-            v, w, x = w, x, time
-            fv, fw, fx = fw, fx, value
-            best = found
-        else:
+        if found is None:  # what is feasible is on the side of the best
             low, high = (time, high) if time < x else (low, time)
-            if value <= fw or w == x:
-                v, w = w, time
-                fv, fw = fw, value
-            elif value <= fv or v in (x, w):
-                v, fv = time, value
+            step /= 4
+            continue
+        tried[time] = found[1]
+        if found[1] < least:
+            x, best, least = time, found, found[1]
     return best
+
+
+def _next_time(tried: dict[float, float], low: float, high: float, step: float) -> float:
+    """Where to look after some times have been tried: the vertex of the parabola through the best three."""
+    ranked = sorted(tried, key=tried.__getitem__)
+    a = ranked[0]
+    if len(ranked) == 1:
+        return a + step if a + step < high else a - step
+    b = ranked[1]
+    if len(ranked) == 2:
+        return a + np.copysign(step, a - b)
+    c = ranked[2]
+    slope_b, slope_c = (tried[b] - tried[a]) / (b - a), (tried[c] - tried[a]) / (c - a)
+    curvature = (slope_b - slope_c) / (b - c)
+    if curvature <= 0:
+        return a + 2 * np.copysign(step, a - b)
+    return float((a + b - slope_b / curvature) / 2)
 
 
 def _solve_at(task: Task, crossings: Sequence[float]) -> tuple[Trajectory, float] | None:
