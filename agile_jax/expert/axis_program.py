@@ -82,7 +82,7 @@ class AxisSolver:
     def __init__(self, intervals: int, initial_velocity: str) -> None:
         self._free = initial_velocity == "free"
         self.initial_velocity = initial_velocity
-        self._fixed = 1 if self._free else 2  # rows of the end conditions: final position, and final rate when from rest
+        self._fixed = 1 if self._free else 2  # rows of the end conditions: last position, and last rate when from rest
         rows = self._fixed + 2 * intervals - 1
         self._y, self._unit = np.zeros(intervals), np.ones(intervals)
         self._matrix = np.zeros((intervals, rows))  # transposed, which is how CasADi stores it

@@ -1,8 +1,8 @@
 """A lower bound on the effort of axes that pass intervals at given times: a beam that is pressed through gates.
 
 The motion p of least integral of p''^2 between fixed ends is a beam: clamped where the motion is at rest, simply
-supported at the begin when its velocity there is free. With forces f_b at the times t_b its deflection is c + G f, where
-c is the unforced cubic and G the influence of one time on another, and the energy grows by f' G f. For gates
+supported at the begin when its velocity there is free. With forces f_b at the times t_b its deflection is c + G f,
+where c is the unforced cubic and G the influence of one time on another, and the energy grows by f' G f. For gates
 lower_b <= p(t_b) <= upper_b, any forces give a lower bound, the dual function
 
     D(f) = -f' G f + 2 sum_b (f_b (lower_b - c_b) if f_b > 0 else f_b (upper_b - c_b)),

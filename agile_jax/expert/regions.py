@@ -52,7 +52,8 @@ class Side(NamedTuple):
     @property
     def axis(self) -> int:
         """The axis that the normal is nearest to."""
-        return int(np.argmax(np.abs(self.normal)))
+        sizes = [abs(component) for component in self.normal.tolist()]
+        return sizes.index(max(sizes))
 
 
 class Region(NamedTuple):
@@ -196,7 +197,9 @@ def holds(space: FreeSpace, region: Region, pose: np.ndarray) -> bool:
 
 def _in_box(part: Side | Region, pose: np.ndarray) -> bool:
     """Whether a pose is in the box around a side or region."""
-    return bool(((pose >= part.lower - CONTAINMENT) & (pose <= part.upper + CONTAINMENT)).all())
+    at = pose.tolist()
+    inside = zip(part.lower.tolist(), at, part.upper.tolist(), strict=True)
+    return all(low - CONTAINMENT <= value <= high + CONTAINMENT for low, value, high in inside)
 
 
 def _box_sides(
@@ -275,7 +278,7 @@ def half_space_box(
     """The box around the part of a box of poses where normal . position >= value; lower > upper when it is empty."""
     low, high = lower.copy(), upper.copy()
     most = np.maximum(normal * lower[:3], normal * upper[:3])
-    for axis in np.flatnonzero(np.abs(normal) > PARALLEL):
+    for axis in [i for i, component in enumerate(normal.tolist()) if abs(component) > PARALLEL]:
         needed = (value - (most.sum() - most[axis])) / normal[axis]
         if normal[axis] > 0:
             low[axis] = max(low[axis], needed)

@@ -254,7 +254,7 @@ def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: S
     if (low > high).any():
         return None
     faces = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
-    for pin in sorted((face for face in faces if face.normal.any()), key=lambda face: priority.index(face.axis)):
+    for pin in sorted((face for face in faces if any(face.normal)), key=lambda face: priority.index(face.axis)):
         box = _pinned_box(space, pin, b, a.polygon, low.copy(), high.copy())
         if box is not None:
             low, high = box

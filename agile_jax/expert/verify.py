@@ -62,8 +62,8 @@ def dense_poses(trajectory: Trajectory, points: int = DENSE, scheme: str | None 
 def least_clearance(scene: Scene, poses: np.ndarray, every: int = DENSE + 1) -> float:
     """Exact least clearance over poses, shape (m, 4) [m]; infinity without obstacles.
 
-    Clearance changes by no more than the torso's points move. So it is measured at one pose of `every`, and then at those
-    of the others that may be nearer to an obstacle than the nearest of these.
+    Clearance changes by no more than the torso's points move. So it is measured at one pose of `every`, and then at
+    those of the others that may be nearer to an obstacle than the nearest of these.
     """
     if len(scene.obstacle_centers) == 0:
         return float("inf")
