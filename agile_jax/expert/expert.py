@@ -14,7 +14,8 @@ from agile_jax.expert.certified import CertifiedSolver, Task, applies, make_cert
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space
+from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space, planning_margin
+from agile_jax.expert.relevant import obstacles_between, obstacles_met, with_obstacles
 from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
@@ -26,6 +27,7 @@ TIE = 1e-6  # relative difference of objectives below which the fixed order of b
 # first). Their objectives then differ by the placing of the nodes alone, and the route pinned along the main motion
 # is the better conditioned one.
 GRID = 5e-4  # relative
+FAST_ROUTES = 200  # looked at by the fast path at most
 ATTAINED = 1e-4  # relative excess over the lower bound below which a duration is the least
 NO_ROUTE = "no route: start or target is not free, or nothing connects them"
 SHORTEST = 0.1  # [s] the least duration by which the gap is made relative
@@ -53,10 +55,10 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     if settings.planner == "2d":
         scene = planar_scene(scene)
     check_target(scene, settings)
-    ladder = Ladder(scene, settings)
+    ladder = Ladder(scene.torso_half_size, settings)
     certified: dict[str, CertifiedSolver] = {}
 
-    def fast(start: np.ndarray, condition: str, space: FreeSpace, profile: Profile) -> Candidate | None:
+    def fast(scene: Scene, start: np.ndarray, condition: str, space: FreeSpace, profile: Profile) -> Candidate | None:
         """The best of the routes that attain the lower bound; None when none of those tried does."""
         if condition not in certified:
             certified[condition] = make_certified_solver(settings, condition)
@@ -75,7 +77,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             return objective
 
         search = RouteSearch(space, start, scene.target, settings, condition, profile)
-        for _ in range(settings.max_routes):
+        for _ in range(FAST_ROUTES):
             route = search.next(least * (1 + TIE))
             if route is None:
                 break
@@ -90,6 +92,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         for route, trajectory, objective in found:
             branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
             rival = candidates.get(branch)
+            objective += float(trajectory.times[-1]) - profile.duration  # with the rest at both ends
             candidate = Candidate(branch, route.detours, trajectory, objective, _UNKNOWN, CERTIFIED)
             if rival is None or _better(candidate, rival, TIE):
                 candidates[branch] = candidate
@@ -107,16 +110,33 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         if settings.planner == "2d":
             start[2] = scene.target[2]
         condition = initial_velocity or settings.initial_velocity
+        chosen = obstacles_between(scene, start, planning_margin(settings))
+        while True:
+            part = with_obstacles(scene, chosen)
+            solution = solve_among(part, start, condition, first, guess)
+            if chosen.all() or solution.status != "solved":
+                break
+            path = solution.trajectory
+            met = obstacles_met(scene, chosen, path, settings.clearance_margin, settings.transcription)
+            if not met.any():
+                residuals = verify(scene, settings, path, start, condition)
+                solution = solution._replace(**residuals._asdict())
+                break
+            chosen |= met
+        return solution._replace(solve_time_s=time.perf_counter() - began)
+
+    def solve_among(scene: Scene, start: np.ndarray, condition: str, first: str, guess: int) -> ExpertSolution:
+        """The solution of one start among the obstacles of a part of the scene."""
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
         space: FreeSpace | None = None
         if applies(settings, condition):
             space = make_free_space(scene, settings, start)
-            attained = fast(start, condition, space, profile)
+            attained = fast(scene, start, condition, space, profile)
             if attained is not None:
                 solved = [(attained.branch, attained.objective)]
-                return _solution(attained, bound, solved, time.perf_counter() - began)
+                return _solution(attained, bound, solved)
         if space is None or not boxes:
             space = make_free_space(scene, settings, start, exact=not boxes)
 
@@ -128,18 +148,17 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             route = search.next(least * (1 + TIE))
             if route is None:
                 break
-            candidate = ladder.solve(space, route, start, condition, profile, first, guess)
+            candidate = ladder.solve(scene, space, route, start, condition, profile, first, guess)
             if isinstance(candidate, str):
                 causes.append(f"{len(route.regions)} phases: {candidate}")
                 continue
             candidates.append(candidate)
             least = min(least, candidate.objective)
-        seconds = time.perf_counter() - began
         if not candidates:
             cause = "not solved: " + "; ".join(causes) if causes else NO_ROUTE
-            return failed_solution(settings, bound, cause, seconds)
+            return failed_solution(settings, bound, cause)
         solved = [(candidate.branch, candidate.objective) for candidate in candidates]
-        return _solution(_best(candidates, bound), bound, solved, seconds)
+        return _solution(_best(candidates, bound), bound, solved)
 
     return Expert(solve)
 
@@ -158,7 +177,7 @@ def _best(candidates: list[Candidate], bound: float) -> Candidate:
     return _choose(list(by_branch.values()))
 
 
-def _solution(best: Candidate, bound: float, solved: list[tuple[str, float]], seconds: float) -> ExpertSolution:
+def _solution(best: Candidate, bound: float, solved: list[tuple[str, float]]) -> ExpertSolution:
     duration = float(best.trajectory.times[-1])
     return ExpertSolution(
         trajectory=best.trajectory,
@@ -172,11 +191,11 @@ def _solution(best: Candidate, bound: float, solved: list[tuple[str, float]], se
         **best.residuals._asdict(),
         method=best.method,
         routes=tuple(solved),
-        solve_time_s=seconds,
+        solve_time_s=0.0,
     )
 
 
-def failed_solution(settings: ExpertSettings, bound: float, cause: str, seconds: float) -> ExpertSolution:
+def failed_solution(settings: ExpertSettings, bound: float, cause: str) -> ExpertSolution:
     """A solution without trajectory, that says why."""
     empty = Trajectory(
         np.zeros(settings.nodes + 1),
@@ -184,7 +203,7 @@ def failed_solution(settings: ExpertSettings, bound: float, cause: str, seconds:
         np.zeros((settings.nodes + (settings.transcription != "zoh"), POSE_SIZE)),
     )
     zeros = Residuals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return ExpertSolution(empty, 0.0, bound, 0.0, "", 0.0, "failed", cause, *zeros, "", (), seconds)
+    return ExpertSolution(empty, 0.0, bound, 0.0, "", 0.0, "failed", cause, *zeros, "", (), 0.0)
 
 
 def _better(candidate: Candidate, rival: Candidate, grid: float = GRID) -> bool:
