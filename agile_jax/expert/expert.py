@@ -15,7 +15,7 @@ from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
 from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space, planning_margin
-from agile_jax.expert.relevant import obstacles_between, obstacles_met, with_obstacles
+from agile_jax.expert.relevant import first_obstacles, obstacles_met, with_obstacles
 from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
@@ -110,7 +110,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         if settings.planner == "2d":
             start[2] = scene.target[2]
         condition = initial_velocity or settings.initial_velocity
-        chosen = obstacles_between(scene, start, planning_margin(settings))
+        chosen = first_obstacles(scene, start, planning_margin(settings))
         while True:
             part = with_obstacles(scene, chosen)
             solution = solve_among(part, start, condition, first, guess)

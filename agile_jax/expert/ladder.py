@@ -19,6 +19,7 @@ from agile_jax.scene import POSE_SIZE, Scene
 FEWEST_INTERVALS = 4  # in a phase
 REFINEMENTS = 1  # of the time grid
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
+MOST_PROGRAMS = 8  # kept: each takes 10 to 20 MB, so that they bound the memory of a worker
 SETTLED = 1e-6  # [s] of the objective, the least gain that is worth another refinement
 CERTIFIED = "certified"  # the method of labels from the fast path
 
@@ -125,8 +126,10 @@ class Ladder:
         from agile_jax.expert.transcription import build_program
 
         key = (phases, initial_velocity, solver, obstacles)
-        if key not in self._programs:
-            self._programs[key] = build_program(
-                phases, initial_velocity, self._settings, solver, obstacles, self._torso_half_size
-            )
-        return self._programs[key]
+        program = self._programs.pop(key, None)
+        if program is None:
+            program = build_program(phases, initial_velocity, self._settings, solver, obstacles, self._torso_half_size)
+        self._programs[key] = program  # last: the least recently used is first
+        if len(self._programs) > MOST_PROGRAMS:
+            del self._programs[next(iter(self._programs))]
+        return program

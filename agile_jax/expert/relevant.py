@@ -1,9 +1,9 @@
-"""The obstacles that matter for one start: those in the way, and whatever the path around them would meet.
+"""The obstacles that matter for one start: those that the path would otherwise meet.
 
 The number of regions grows with six to the power of the number of obstacles, yet a path has to do with few of them. So
-a start is solved among the obstacles in its way first. Leaving obstacles out only enlarges the free space: when the
-best path clears those that were left out as well, it is the best among all, and when there is none, there is none
-among all. Otherwise what it meets is added, and the start is solved again.
+a start is solved among some of the obstacles, at first among none. Leaving obstacles out only enlarges the free space:
+when the best path clears those that were left out as well, it is the best among all, and when there is none, there is
+none among all. Otherwise what it meets first is added, and the start is solved again.
 """
 
 import numpy as np
@@ -12,9 +12,14 @@ from agile_jax.expert.solution import Trajectory
 from agile_jax.expert.verify import dense_poses
 from agile_jax.scene import Scene, obstacle_clearances
 
+FEW = 2  # obstacles, of which those in the way are taken at once: they are nearly always met
 
-def obstacles_between(scene: Scene, start: np.ndarray, margin: float) -> np.ndarray:
-    """Which obstacles reach into the box around start and target, grown by torso and margin; shape (n,), bool."""
+
+def first_obstacles(scene: Scene, start: np.ndarray, margin: float) -> np.ndarray:
+    """Which obstacles to begin with: of few those that, grown by torso and margin, reach into the box around start and
+    target; else none. Shape (n,), bool."""
+    if len(scene.obstacle_centers) > FEW:
+        return np.zeros(len(scene.obstacle_centers), bool)
     low, high = np.minimum(start, scene.target)[:3], np.maximum(start, scene.target)[:3]
     torso = np.array([*[np.hypot(*scene.torso_half_size[:2])] * 2, scene.torso_half_size[2]])
     half = scene.obstacle_half_sizes.copy()
@@ -30,9 +35,13 @@ def with_obstacles(scene: Scene, chosen: np.ndarray) -> Scene:
 
 
 def obstacles_met(scene: Scene, chosen: np.ndarray, trajectory: Trajectory, margin: float, scheme: str) -> np.ndarray:
-    """Which of the obstacles that are not chosen a trajectory comes nearer to than the margin; shape (n,), bool."""
+    """Which of the obstacles that are not chosen a trajectory is the first to come nearer to than the margin, if any;
+    shape (n,), bool."""
     met = np.zeros(len(chosen), bool)
     others = np.flatnonzero(~chosen)
     poses = dense_poses(trajectory, scheme=scheme)
-    met[others] = obstacle_clearances(with_obstacles(scene, ~chosen), poses).min(0, initial=np.inf) < margin
+    near = obstacle_clearances(with_obstacles(scene, ~chosen), poses) < margin
+    if near.any():
+        first = np.where(near.any(0), near.argmax(0), len(poses))
+        met[others[int(np.argmin(first))]] = True
     return met

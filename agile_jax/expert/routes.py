@@ -39,6 +39,7 @@ BRANCH_ORDER = (
 )  # of equally good routes the first wins; others follow by name
 MAX_EXPANSIONS = 20_000
 ROUNDING = 1e-6  # relative, of the time that routes may take
+PATHS = 8  # that are followed through one region, the best ones: they multiply with the number of obstacles
 PATIENCE = 50  # expansions without a route after which it is asked whether there is any
 
 
@@ -135,6 +136,7 @@ class RouteSearch:
             (0.0, (choice,), None) for choice in sorted(self._starts)
         ]
         self._expansions = 0
+        self._followed: dict[Choice, int] = {}  # how often, by the region where a path ends
         self._found = False
 
     def next(self, most: float = math.inf) -> Route | None:
@@ -152,6 +154,9 @@ class RouteSearch:
             if self._graph.ends(path[-1]):
                 self._found = True
                 return route
+            self._followed[path[-1]] = followed = self._followed.get(path[-1], 0) + 1
+            if followed > PATHS:
+                continue
             self._expansions += 1
             if self._expansions == PATIENCE and not self._found and not self._graph.connects(self._starts):
                 heap.clear()
