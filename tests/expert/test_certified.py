@@ -9,7 +9,7 @@ from agile_jax.expert import ExpertSettings, make_expert, minimum_time
 from agile_jax.expert.axis_program import AxisSolver, Bounds, least_effort, make_axis_grid, solve_axes
 from agile_jax.expert.effort_bound import effort_bound
 from agile_jax.expert.profile import make_grid, slowest_axis
-from agile_jax.scene import SceneSettings, make_scene
+from agile_jax.scene import SceneSettings, clearance, make_scene
 
 
 @pytest.mark.parametrize("condition", ["rest", "free"])
@@ -201,3 +201,57 @@ def test_a_thousand_random_pairs_with_random_bounds(method):
     print(f"{method}: |T - T_analytic| / T: median {np.median(errors):.1e}, largest {errors.max():.1e}")
     assert len(errors) == 1000
     assert errors.max() < 1e-4
+
+
+def _wide_start(generator):
+    return generator.uniform([-0.8, -1.3, 0.16, -0.6], [3.2, 1.3, 0.31, 0.6])
+
+
+def _agreement(scene, pair, count):
+    """Of random starts turned by up to 0.6 rad: relative difference of durations and difference of objectives, of the
+    fast path against the general program, where the fast path answers."""
+    fast, general = pair
+    generator = np.random.default_rng(3)
+    found = []
+    while len(found) < count:
+        start = _wide_start(generator)
+        if clearance(scene, start) < 0.03:
+            continue
+        ours = fast.solve(start, "free")
+        assert ours.status == "solved", ours.cause
+        if ours.method == "certified":
+            theirs = general.solve(start, "free")
+            assert theirs.status == "solved", theirs.cause
+            found.append((ours.duration / theirs.duration - 1, ours.objective - theirs.objective))
+    return np.array(found).T
+
+
+def test_agrees_with_the_general_program_from_turned_starts(scene, pair):
+    """The fast path covers the footprint by a box over all yaws, the general program has that of the yaw at hand."""
+    durations, objectives = _agreement(scene, pair, 6)
+    assert np.abs(durations).max() < 1e-4
+    assert objectives.max() < 2e-3
+
+
+@pytest.mark.slow
+def test_agrees_with_the_general_program_from_two_hundred_turned_starts(scene, pair):
+    durations, objectives = _agreement(scene, pair, 200)
+    print(f"durations {durations.min():.1e} ... {durations.max():.1e}")
+    print("objectives", np.quantile(objectives, [0, 0.05, 0.5, 0.95, 1]))
+    assert np.abs(durations).max() < 1e-4
+    assert objectives.max() < 2e-3
+
+
+def test_end_controls_of_zero_are_certified_too(scene):
+    """An interval of rest at both ends: the time is N / (N - 2) of that without. One phase of the general program agrees
+    with it; in several phases its end intervals are of its first and last phase's mean length."""
+    settings = ExpertSettings(zero_end_controls=True, nodes=60)
+    fast, general = (make_expert(scene, settings.model_copy(update={"method": m})) for m in ("auto", "general"))
+    plain = make_expert(scene, ExpertSettings(nodes=60))
+    for start, tolerance in (([2.5, 0.4, 0.26, 0.0], 1e-4), ([0.0, 0.0, 0.28, 0.0], 1e-2)):
+        ours, theirs = fast.solve(start), general.solve(start)
+        assert (ours.method, theirs.method) == ("certified", "fatrop")
+        assert ours.duration == pytest.approx(plain.solve(start).lower_bound * 60 / 58)
+        assert ours.duration == pytest.approx(theirs.duration, rel=tolerance)
+        assert not ours.trajectory.controls[[0, -1]].any()
+        assert np.diff(ours.trajectory.times)[[0, -1]] == pytest.approx(ours.duration / 60)
