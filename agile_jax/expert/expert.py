@@ -14,7 +14,7 @@ from agile_jax.expert.certified import CertifiedSolver, applies, make_certified_
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space
+from agile_jax.expert.regions import ROUNDING_ERRORS, FreeSpace, boxes_suffice, check_target, make_free_space
 from agile_jax.expert.routes import Route, branch_name, branch_rank, find_routes
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
@@ -110,20 +110,18 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
-        space: FreeSpace | None = None
         if applies(settings):
             space = make_free_space(scene, settings, start)
             attained = fast(start, condition, space, profile)
             if attained is not None:
                 solved = [(attained.branch, attained.objective)]
                 return _solution(attained, bound, solved, time.perf_counter() - began)
-        if space is None or not boxes:
-            space = make_free_space(scene, settings, start, exact=not boxes)
+        space = make_free_space(scene, settings, start, not boxes, ROUNDING_ERRORS)
 
         candidates: list[Candidate] = []
         least = np.inf
         causes: list[str] = []
-        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
+        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition, rounded=True)):
             if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
                 break
             candidate = ladder.solve(space, route, start, condition, profile, first, guess)

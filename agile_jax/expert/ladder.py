@@ -16,7 +16,7 @@ from agile_jax.expert.solution import Residuals, Trajectory
 from agile_jax.expert.verify import rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene
 
-FEWEST_INTERVALS = 4  # in a phase
+FEWEST_INTERVALS = 3  # in a phase
 REFINEMENTS = 1  # of the time grid
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
 SETTLED = 1e-6  # [s] of the objective, the least gain that is worth another refinement
@@ -56,7 +56,7 @@ class Ladder:
 
     def __init__(self, scene: Scene, settings: ExpertSettings) -> None:
         self._scene, self._settings = scene, settings
-        self._programs: dict[tuple[int, str, str, int], Any] = {}
+        self._programs: dict[tuple[tuple[bool, ...], str, str, int], Any] = {}
 
     def solve(
         self,
@@ -80,21 +80,21 @@ class Ladder:
             guess: 0 for the usual initial guess; other numbers disturb it, each in its own way.
         """
         from agile_jax.expert.arguments import disturbed, make_arguments
-        from agile_jax.expert.transcription import solve_program
+        from agile_jax.expert.transcription import solve_program, split_nodes
 
         scene, settings = self._scene, self._settings
-        phases = len(route.regions)
-        if settings.nodes < FEWEST_INTERVALS * phases:
-            return f"{settings.nodes} nodes are too few for {phases} phases"
+        edges = tuple(len(region.edge) > 0 for region in route.regions)
+        if min(split_nodes(settings.nodes, edges)) < FEWEST_INTERVALS:
+            return f"{settings.nodes} nodes are too few for {len(edges)} phases"
         begin = [rung.name for rung in RUNGS].index(first)
         causes = []
         for rung in RUNGS[begin:] + RUNGS[:begin]:
-            program = self._program(phases, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
+            program = self._program(edges, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
             best: Candidate | None = None
             boundaries = None
             for _ in range(1 + REFINEMENTS):
                 arguments = make_arguments(
-                    route, program, start, scene.target, settings, profile, rung.slowness, boundaries
+                    route, space.margin, program, start, scene.target, settings, profile, rung.slowness, boundaries
                 )
                 if guess:
                     arguments = disturbed(arguments, guess)
@@ -117,13 +117,13 @@ class Ladder:
                 return best
         return "; ".join(causes)
 
-    def _program(self, phases: int, initial_velocity: str, solver: str, obstacles: int) -> Any:
+    def _program(self, edges: tuple[bool, ...], initial_velocity: str, solver: str, obstacles: int) -> Any:
         # CasADi is loaded by the first solve: settings, verification and free space are read without it.
         from agile_jax.expert.transcription import build_program
 
-        key = (phases, initial_velocity, solver, obstacles)
+        key = (edges, initial_velocity, solver, obstacles)
         if key not in self._programs:
             self._programs[key] = build_program(
-                phases, initial_velocity, self._settings, solver, obstacles, self._scene.torso_half_size
+                edges, initial_velocity, self._settings, solver, obstacles, self._scene.torso_half_size
             )
         return self._programs[key]

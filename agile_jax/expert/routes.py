@@ -14,6 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.edges import Boundary, Passage, round_edge
 from agile_jax.expert.minimum_time import minimum_time, route_bounds
 from agile_jax.expert.regions import CONTAINMENT, FreeSpace, Region, Side, clip_by_sides, holds
 from agile_jax.expert.separation import Polygon, clip
@@ -29,20 +30,12 @@ BRANCH_ORDER = (
 MAX_EXPANSIONS = 20_000
 
 
-class Boundary(NamedTuple):
-    """Where a route goes over from one region to the next."""
-
-    pin: Side  # on whose face
-    lower: np.ndarray  # (4,) box around it, of the pose
-    upper: np.ndarray  # (4,)
-
-
 class Route(NamedTuple):
-    """A sequence of P regions."""
+    """A sequence of P regions, one for each phase."""
 
     regions: tuple[Region, ...]
     boundaries: tuple[Boundary, ...]  # between phases p and p + 1, P - 1 of them
-    detours: int  # pins that are not on the slower horizontal axis
+    detours: int  # passages that are not pinned on the slower horizontal axis
     duration_bound: float  # [s]
     objective_bound: float
 
@@ -72,7 +65,7 @@ def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
         inside = np.ones(len(poses), bool)
         for side in sides:
             if side.name and side.axis != 2:
-                inside &= poses[:, :3] @ side.normal < side.value
+                inside &= poses[:, :3] @ side.normal < side.value - space.margin
         taken = [sides[region.sides[obstacle]].name for region in route.regions]
         lateral = [name for name in taken if name in ("left", "right")]
         if inside.any():
@@ -83,11 +76,16 @@ def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
 
 
 def find_routes(
-    space: FreeSpace, start: np.ndarray, target: np.ndarray, settings: ExpertSettings, initial_velocity: str
+    space: FreeSpace,
+    start: np.ndarray,
+    target: np.ndarray,
+    settings: ExpertSettings,
+    initial_velocity: str,
+    rounded: bool = False,
 ) -> Iterator[Route]:
     """Yield every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
 
-    A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
+    With `rounded` edges, a route has a phase around each edge that it passes (edges.py). A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
     lower bound never falls when a route gets longer.
     """
     regions = space.regions
@@ -97,21 +95,26 @@ def find_routes(
     # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
     times = minimum_time(target - start, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
     priority = [*np.argsort(-times[:2], kind="stable").tolist(), 2]
-    known: dict[int, dict[int, Boundary]] = {}
+    known: dict[int, dict[int, Passage]] = {}
 
-    def neighbours(i: int) -> dict[int, Boundary]:
+    ends = (start, target) if rounded else None
+
+    def neighbours(i: int) -> dict[int, Passage]:
         if i not in known:
-            known[i] = dict(sorted(_neighbours(space, regions[i], index, priority), key=lambda pair: pair[0]))
+            known[i] = dict(sorted(_neighbours(space, regions[i], index, priority, ends), key=lambda pair: pair[0]))
         return known[i]
 
-    def boundaries(path: tuple[int, ...]) -> list[Boundary]:
+    def passages(path: tuple[int, ...]) -> list[Passage]:
         return [neighbours(i)[j] for i, j in itertools.pairwise(path)]
+
+    def bounds(path: tuple[int, ...]) -> tuple[float, float]:
+        boxes = [(b.lower, b.upper) for passage in passages(path) for b in passage.boundaries]
+        return route_bounds(start, boxes, target, settings, initial_velocity)
 
     heap: list[tuple[float, tuple[int, ...]]] = []
 
     def push(path: tuple[int, ...]) -> None:
-        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path)]
-        heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path))
+        heapq.heappush(heap, (bounds(path)[1], path))
 
     for i in range(len(regions)):
         if holds_start[i]:
@@ -121,11 +124,13 @@ def find_routes(
         expansions += 1
         _, path = heapq.heappop(heap)
         if holds_target[path[-1]]:
-            crossed = boundaries(path)
-            boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
-            bounds = route_bounds(start, boxes, target, settings, initial_velocity)
-            detours = sum(boundary.pin.axis != priority[0] for boundary in crossed)
-            yield Route(tuple(regions[i] for i in path), tuple(crossed), detours, *bounds)
+            crossed = passages(path)
+            phases = [regions[path[0]]]
+            for passage, j in zip(crossed, path[1:], strict=True):
+                phases += [regions[j]] if passage.between is None else [passage.between, regions[j]]
+            detours = sum(passage.boundaries[0].pin.axis != priority[0] for passage in crossed)
+            boundaries = tuple(boundary for passage in crossed for boundary in passage.boundaries)
+            yield Route(tuple(phases), boundaries, detours, *bounds(path))
             continue
         for j in neighbours(path[-1]):
             if not holds_start[j] and not _returns([regions[i] for i in path], regions[j]):
@@ -147,16 +152,22 @@ def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray
 
 
 def _neighbours(
-    space: FreeSpace, region: Region, index: dict[tuple[int, ...], int], priority: list[int]
-) -> Iterator[tuple[int, Boundary]]:
-    """Regions that differ from one in the side of one obstacle, with the boundary in between."""
+    space: FreeSpace,
+    region: Region,
+    index: dict[tuple[int, ...], int],
+    priority: list[int],
+    ends: tuple[np.ndarray, np.ndarray] | None,
+) -> Iterator[tuple[int, Passage]]:
+    """Regions that differ from one in the side of one obstacle, with the passage to them; its edge is rounded when
+    start and target (`ends`) are given."""
     for obstacle, side in enumerate(region.sides):
         for other in range(len(space.sides[obstacle])):
             j = index.get((*region.sides[:obstacle], other, *region.sides[obstacle + 1 :]))
             if other != side and j is not None:
                 boundary = _boundary(space, obstacle, region, space.regions[j], priority)
                 if boundary is not None:
-                    yield j, boundary
+                    around = ends and round_edge(space, obstacle, region, space.regions[j], boundary.pin, ends)
+                    yield j, around or Passage((boundary,))
 
 
 def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: list[int]) -> Boundary | None:

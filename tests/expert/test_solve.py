@@ -94,8 +94,8 @@ def test_label_does_not_depend_on_guess_or_solver(scene, settings, condition):
     found = []
     generator = np.random.default_rng(0)
     for solver in ("fatrop", "ipopt"):
-        program = build_program(len(route.regions), condition, settings, solver)
-        arguments = make_arguments(route, program, start, scene.target, settings)
+        program = build_program([False] * len(route.regions), condition, settings, solver)
+        arguments = make_arguments(route, planning_margin(settings), program, start, scene.target, settings)
         for trial in range(3):
             noise = 0.05 * trial * generator.standard_normal(arguments.guess.shape)
             guess = np.clip(arguments.guess + noise, arguments.lower, arguments.upper)
