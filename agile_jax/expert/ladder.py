@@ -16,7 +16,7 @@ from agile_jax.expert.solution import Residuals, Trajectory
 from agile_jax.expert.verify import rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene
 
-FEWEST_INTERVALS = 3  # in a phase
+FEWEST_INTERVALS = 4  # in a phase around no edge
 REFINEMENTS = 1  # of the time grid
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
 SETTLED = 1e-6  # [s] of the objective, the least gain that is worth another refinement
@@ -84,7 +84,7 @@ class Ladder:
 
         scene, settings = self._scene, self._settings
         edges = tuple(len(region.edge) > 0 for region in route.regions)
-        if min(split_nodes(settings.nodes, edges)) < FEWEST_INTERVALS:
+        if split_nodes(settings.nodes, edges)[-1] < FEWEST_INTERVALS:  # the last phase is around no edge
             return f"{settings.nodes} nodes are too few for {len(edges)} phases"
         begin = [rung.name for rung in RUNGS].index(first)
         causes = []
