@@ -28,6 +28,7 @@ def make_arguments(
     start: np.ndarray,
     target: np.ndarray,
     settings: ExpertSettings,
+    weight: float,
     profile: Profile | None = None,
     slowness: float = 1.0,
     boundaries: np.ndarray | None = None,
@@ -40,6 +41,7 @@ def make_arguments(
         program: for its pattern of phases.
         start, target: poses, shape (4,).
         settings: bounds.
+        weight: of the effort.
         profile: of the slowest axis. Its switches become nodes, which lets the least time be attained.
         slowness: factor on the durations of the guess, straight lines through the waypoints.
         boundaries: when the phases begin and end, shape (P+1,) [s], where the profile does not tell.
@@ -76,6 +78,7 @@ def make_arguments(
             before = route.regions[p - 1]
             low[0, :POSE_SIZE] = np.maximum(region.lower, before.lower)
             high[0, :POSE_SIZE] = np.minimum(region.upper, before.upper)
+            low[0, 3], high[0, 3] = route.boundaries[p - 1].lower[3], route.boundaries[p - 1].upper[3]
             _make_room(low[0], high[0], route.pins[p - 1])
         # The last node has no control; at the end of the other phases it also chooses the next duration.
         for target_list, rows, extra in (
@@ -96,6 +99,7 @@ def make_arguments(
             *(face.ravel() if program.obstacles else np.empty(0) for face in faces),
             *rounded,
             fractions,
+            [weight],
         ]
     )
     ends = np.concatenate(guess), np.concatenate(lower), np.concatenate(upper)

@@ -14,10 +14,11 @@ from agile_jax.expert.certified import CertifiedSolver, applies, make_certified_
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import ROUNDING_ERRORS, FreeSpace, boxes_suffice, check_target, make_free_space
+from agile_jax.expert.regions import ROUNDING_ERRORS, TIGHTENING, FreeSpace, boxes_suffice, check_target, make_free_space
 from agile_jax.expert.routes import Route, branch_name, branch_rank, find_routes
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
+from agile_jax.expert.turns import split_turns
 from agile_jax.expert.verify import rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene, planar_scene
 
@@ -116,20 +117,26 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             if attained is not None:
                 solved = [(attained.branch, attained.objective)]
                 return _solution(attained, bound, solved, time.perf_counter() - began)
-        space = make_free_space(scene, settings, start, not boxes, ROUNDING_ERRORS)
 
         candidates: list[Candidate] = []
         least = np.inf
         causes: list[str] = []
-        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition, rounded=True)):
-            if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
+        for reserve in (ROUNDING_ERRORS, TIGHTENING):  # the larger one for what leaves its bounds between nodes
+            space = make_free_space(scene, settings, start, not boxes, reserve)
+            routes = find_routes(space, start, scene.target, settings, condition, rounded=True)
+            routes = split_turns(space, routes, start, scene.target, settings, condition)
+            causes.clear()
+            for tried, route in enumerate(routes):
+                if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
+                    break
+                candidate = ladder.solve(space, route, start, condition, profile, first, guess)
+                if isinstance(candidate, str):
+                    causes.append(f"{len(route.regions)} phases: {candidate}")
+                    continue
+                candidates.append(candidate)
+                least = min(least, candidate.objective)
+            if not any("_violation" in cause for cause in causes):
                 break
-            candidate = ladder.solve(space, route, start, condition, profile, first, guess)
-            if isinstance(candidate, str):
-                causes.append(f"{len(route.regions)} phases: {candidate}")
-                continue
-            candidates.append(candidate)
-            least = min(least, candidate.objective)
         seconds = time.perf_counter() - began
         if not candidates:
             cause = "not solved: " + "; ".join(causes) if causes else NO_ROUTE

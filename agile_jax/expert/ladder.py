@@ -4,6 +4,7 @@ A label that all rungs fail on is kept as failed, with the cause of each. The ru
 it, so that what the ladder rescues is counted.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,9 +18,8 @@ from agile_jax.expert.verify import rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene
 
 FEWEST_INTERVALS = 4  # in a phase around no edge
-REFINEMENTS = 1  # of the time grid
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
-SETTLED = 1e-6  # [s] of the objective, the least gain that is worth another refinement
+SMOOTH = 10  # factor on the weight of the effort, from which a route with detours is approached
 CERTIFIED = "certified"  # the method of labels from the fast path
 
 
@@ -80,42 +80,69 @@ class Ladder:
             guess: 0 for the usual initial guess; other numbers disturb it, each in its own way.
         """
         from agile_jax.expert.arguments import disturbed, make_arguments
-        from agile_jax.expert.transcription import solve_program, split_nodes
+        from agile_jax.expert.transcription import Solved, solve_program, split_nodes
 
         scene, settings = self._scene, self._settings
         edges = tuple(len(region.edge) > 0 for region in route.regions)
         if split_nodes(settings.nodes, edges)[-1] < FEWEST_INTERVALS:  # the last phase is around no edge
             return f"{settings.nodes} nodes are too few for {len(edges)} phases"
-        begin = [rung.name for rung in RUNGS].index(first)
-        causes = []
-        for rung in RUNGS[begin:] + RUNGS[:begin]:
-            program = self._program(edges, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
-            best: Candidate | None = None
-            boundaries = None
-            for _ in range(1 + REFINEMENTS):
+        causes: list[str] = []
+
+        def climb(
+            rungs: Sequence[Rung], weight: float, near: Solved | None = None, boundaries: np.ndarray | None = None
+        ) -> tuple[Solved, Residuals, Rung] | None:
+            """The first rung's solution that is good, from the guess or from another solution."""
+            for rung in rungs:
+                program = self._program(edges, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
                 arguments = make_arguments(
-                    route, space.margin, program, start, scene.target, settings, profile, rung.slowness, boundaries
+                    route,
+                    space.margin,
+                    program,
+                    start,
+                    scene.target,
+                    settings,
+                    weight,
+                    profile,
+                    rung.slowness,
+                    boundaries,
                 )
-                if guess:
+                if near is not None:
+                    arguments = arguments._replace(guess=near.variables)
+                elif guess:
                     arguments = disturbed(arguments, guess)
-                trajectory, objective, success, status = solve_program(program, arguments)
-                residuals = verify(scene, settings, trajectory, start, initial_velocity)
-                cause = rejection(residuals)
-                if not success or cause:
-                    causes.append(f"{rung.name}: " + (cause if success else f"status {status}"))
-                    break
-                gained = np.inf if best is None else best.objective - objective
-                if gained > 0:
-                    branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
-                    best = Candidate(branch, route.detours, trajectory, objective, residuals, rung.name)
-                attained = profile is not None and trajectory.times[-1] <= profile.duration * (1 + NEARLY)
-                if not route.detours or not attained or gained < SETTLED:
-                    break
-                # The profile told nothing about these boundaries; now that they are known, its switches can be nodes.
-                boundaries = trajectory.times[np.cumsum([0, *program.intervals])]
-            if best is not None:
-                return best
-        return "; ".join(causes)
+                solved = solve_program(program, arguments)
+                residuals = verify(scene, settings, solved.trajectory, start, initial_velocity)
+                # What only leads to the label need not keep the margin between nodes.
+                cause = rejection(residuals) if weight == settings.effort_weight else ""
+                if solved.success and not cause:
+                    return solved, residuals, rung
+                causes.append(f"{rung.name}: " + (cause if solved.success else f"status {solved.status}"))
+            return None
+
+        begin = [rung.name for rung in RUNGS].index(first)
+        rungs = RUNGS[begin:] + RUNGS[:begin]
+        used: list[Rung] = []
+        near: Solved | None = None
+        if route.detours:
+            found = climb(rungs, SMOOTH * settings.effort_weight)
+            if found is None:
+                return "; ".join(causes)
+            near, _, rung = found
+            used, rungs = [rung], RUNGS
+        found = climb(rungs, settings.effort_weight, near)
+        if found is None:
+            return "; ".join(causes)
+        solved, residuals, rung = found
+        used.append(rung)
+        if route.detours and profile is not None and solved.trajectory.times[-1] <= profile.duration * (1 + NEARLY):
+            # The profile told nothing about these boundaries; now that they are known, its switches can be nodes.
+            boundaries = solved.trajectory.times[np.cumsum([0, *split_nodes(settings.nodes, edges)])]
+            found = climb(RUNGS, settings.effort_weight, solved, boundaries)
+            if found is not None and found[0].objective < solved.objective:
+                solved, residuals, _ = found
+        branch = branch_name(space, route, solved.trajectory.states[:, :POSE_SIZE])
+        method = max(used, key=RUNGS.index).name
+        return Candidate(branch, route.detours, solved.trajectory, solved.objective, residuals, method)
 
     def _program(self, edges: tuple[bool, ...], initial_velocity: str, solver: str, obstacles: int) -> Any:
         # CasADi is loaded by the first solve: settings, verification and free space are read without it.

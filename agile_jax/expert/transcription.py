@@ -102,7 +102,7 @@ def build_program(
     start, target = ca.SX.sym("start", POSE_SIZE), ca.SX.sym("target", POSE_SIZE)
     pins, faces = ca.SX.sym("pins", PIN, phases - 1), ca.SX.sym("faces", ROW * obstacles, phases)
     rounded = ca.SX.sym("edges", EDGE, sum(edges))
-    fractions = ca.SX.sym("fractions", settings.nodes)
+    fractions, weight = ca.SX.sym("fractions", settings.nodes), ca.SX.sym("weight")
     velocity, scale = np.array(settings.velocity), np.array(settings.acceleration)
 
     size = 2 * POSE_SIZE + 1 + linear * POSE_SIZE
@@ -160,7 +160,7 @@ def build_program(
             for point in (pose, *points):
                 require("edge", k, p, _edge_heights(point, edge, control[POSE_SIZE], corners))
         effort = ca.sum1(square_integral(scheme, h, u / scale, u_next / scale))
-        objective += h + settings.effort_weight * effort
+        objective += h + weight * effort
     last, final = settings.nodes, states[-1]
     variables.append(final)
     require("end", last, phases - 1, final[:POSE_SIZE] - target)
@@ -173,7 +173,7 @@ def build_program(
         "x": ca.vertcat(*variables),
         "f": objective,
         "g": constrained,
-        "p": ca.vertcat(start, target, ca.vec(pins), ca.vec(faces), ca.vec(rounded), fractions),
+        "p": ca.vertcat(start, target, ca.vec(pins), ca.vec(faces), ca.vec(rounded), fractions, weight),
     }
     plugin, own = SOLVERS[solver]
     options: dict[str, Any] = {"expand": True, "print_time": False, "error_on_fail": False, plugin: own}
@@ -221,8 +221,18 @@ class Arguments(NamedTuple):
     fractions: np.ndarray  # (T,) of the phase's duration
 
 
-def solve_program(program: Program, arguments: Arguments) -> tuple[Trajectory, float, bool, str]:
-    """Run the solver. Returns the trajectory, the objective, whether the solver claims success, and its status."""
+class Solved(NamedTuple):
+    """What the solver returns."""
+
+    trajectory: Trajectory
+    objective: float
+    success: bool  # what the solver claims
+    status: str
+    variables: np.ndarray
+
+
+def solve_program(program: Program, arguments: Arguments) -> Solved:
+    """Run the solver."""
     result = program.solver(
         x0=arguments.guess,
         lbx=arguments.lower,
@@ -232,8 +242,9 @@ def solve_program(program: Program, arguments: Arguments) -> tuple[Trajectory, f
         p=arguments.parameters,
     )
     stats = program.solver.stats()
-    trajectory = unpack(np.array(result["x"]).ravel(), program, arguments.fractions)
-    return trajectory, float(result["f"]), bool(stats["success"]), str(stats["return_status"])
+    variables = np.array(result["x"]).ravel()
+    trajectory = unpack(variables, program, arguments.fractions)
+    return Solved(trajectory, float(result["f"]), bool(stats["success"]), str(stats["return_status"]), variables)
 
 
 def unpack(variables: np.ndarray, program: Program, fractions: np.ndarray) -> Trajectory:

@@ -64,8 +64,8 @@ def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene
             if phases > 3:
                 continue
             program = programs.setdefault((phases, condition), build_program([False] * phases, condition, settings))
-            arguments = make_arguments(route, planning_margin(settings), program, start, scene.target, settings)
-            trajectory, objective, success, _ = solve_program(program, arguments)
+            arguments = make_arguments(route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight)
+            trajectory, objective, success, *_ = solve_program(program, arguments)
             assert success
             assert route.duration_bound <= trajectory.times[-1] + 1e-6
             assert route.objective_bound <= objective + 1e-6

@@ -95,11 +95,11 @@ def test_label_does_not_depend_on_guess_or_solver(scene, settings, condition):
     generator = np.random.default_rng(0)
     for solver in ("fatrop", "ipopt"):
         program = build_program([False] * len(route.regions), condition, settings, solver)
-        arguments = make_arguments(route, planning_margin(settings), program, start, scene.target, settings)
+        arguments = make_arguments(route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight)
         for trial in range(3):
             noise = 0.05 * trial * generator.standard_normal(arguments.guess.shape)
             guess = np.clip(arguments.guess + noise, arguments.lower, arguments.upper)
-            trajectory, _, success, _ = solve_program(program, arguments._replace(guess=guess))
+            trajectory, _, success, *_ = solve_program(program, arguments._replace(guess=guess))
             assert success
             found.append(trajectory)
     for other in found[1:]:
