@@ -14,11 +14,20 @@ from agile_jax.expert.certified import CertifiedSolver, Task, applies, make_cert
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space, planning_margin
+from agile_jax.expert.regions import (
+    ROUNDING_ERRORS,
+    TIGHTENING,
+    FreeSpace,
+    boxes_suffice,
+    check_target,
+    make_free_space,
+    planning_margin,
+)
 from agile_jax.expert.relevant import first_obstacles, obstacles_met, with_obstacles
 from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
+from agile_jax.expert.turns import split_turns
 from agile_jax.expert.verify import rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene, planar_scene
 
@@ -130,30 +139,36 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
-        space: FreeSpace | None = None
         if applies(settings, condition):
             space = make_free_space(scene, settings, start)
             attained = fast(scene, start, condition, space, profile)
             if attained is not None:
                 solved = [(attained.branch, attained.objective)]
                 return _solution(attained, bound, solved)
-        if space is None or not boxes:
-            space = make_free_space(scene, settings, start, exact=not boxes)
 
         candidates: list[Candidate] = []
         least = np.inf
         causes: list[str] = []
-        search = RouteSearch(space, start, scene.target, settings, condition)
-        for _ in range(settings.max_routes):
-            route = search.next(least * (1 + TIE))
-            if route is None:
+
+        def most() -> float:
+            return least * (1 + TIE)
+
+        for reserve in (ROUNDING_ERRORS, TIGHTENING):  # the larger one for what leaves its bounds between nodes
+            space = make_free_space(scene, settings, start, not boxes, reserve)
+            search = RouteSearch(space, start, scene.target, settings, condition, rounded=True)
+            routes = search.routes(most)
+            causes.clear()
+            for tried, route in enumerate(split_turns(space, routes, start, scene.target, settings, condition)):
+                if tried == settings.max_routes or route.objective_bound > most():
+                    break
+                candidate = ladder.solve(scene, space, route, start, condition, profile, first, guess)
+                if isinstance(candidate, str):
+                    causes.append(f"{len(route.regions)} phases: {candidate}")
+                    continue
+                candidates.append(candidate)
+                least = min(least, candidate.objective)
+            if not any("_violation" in cause for cause in causes):
                 break
-            candidate = ladder.solve(scene, space, route, start, condition, profile, first, guess)
-            if isinstance(candidate, str):
-                causes.append(f"{len(route.regions)} phases: {candidate}")
-                continue
-            candidates.append(candidate)
-            least = min(least, candidate.objective)
         if not candidates:
             cause = "not solved: " + "; ".join(causes) if causes else NO_ROUTE
             return failed_solution(settings, bound, cause)

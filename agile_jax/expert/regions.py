@@ -30,6 +30,7 @@ from agile_jax.settings import BadInput
 # The path between two nodes is a parabola that leaves the box of its end points by at most a h^2 / 8: 0.4 mm for 1.5
 # m/s^2 and 46 ms.
 TIGHTENING = 5e-4  # [m]
+ROUNDING_ERRORS = 1e-6  # [m] what the solver's tolerance needs
 CONTAINMENT = 1e-9  # [m]
 YAW_SLACK = 1e-3  # [rad] an interval of yaw that is a point would leave the solver no interior
 FACES = (("left", 1, +1), ("right", 1, -1), ("front", 0, -1), ("back", 0, +1), ("under", 2, -1), ("over", 2, +1))
@@ -64,6 +65,7 @@ class Region(NamedTuple):
     upper: np.ndarray  # (4,)
     faces: np.ndarray  # (n, 4) per obstacle
     polygon: Polygon  # around its positions in the plane; empty in boxes, whose bounds say it all
+    edge: np.ndarray = np.empty((0, 4))  # (2, 4) faces, not enlarged, of the edge that it rounds (edges.py), if any
 
 
 class FreeSpace(NamedTuple):
@@ -76,6 +78,7 @@ class FreeSpace(NamedTuple):
     upper: np.ndarray  # (4,)
     half_size: np.ndarray  # (3,) of the torso
     exact: bool  # whether faces have rows
+    margin: float  # by which the faces are enlarged [m]
 
 
 def planning_margin(settings: ExpertSettings) -> float:
@@ -124,12 +127,21 @@ def boxes_suffice(scene: Scene, start: np.ndarray) -> bool:
     )
 
 
-def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray, exact: bool = False) -> FreeSpace:
-    """The sides of all obstacles for one start pose, shape (4,)."""
-    lower, upper = scene.lower.astype(float), scene.upper.astype(float)
-    lower[3] = min(start[3], scene.target[3]) - YAW_SLACK
-    upper[3] = max(start[3], scene.target[3]) + YAW_SLACK
-    margin = planning_margin(settings)
+def make_free_space(
+    scene: Scene, settings: ExpertSettings, start: np.ndarray, exact: bool = False, reserve: float = TIGHTENING
+) -> FreeSpace:
+    """The sides of all obstacles for one start pose, shape (4,).
+
+    Args:
+        exact: faces with the obstacle's yaw and rows, instead of boxes.
+        reserve: of the margin and of the bounds of the pose, for what happens between nodes [m].
+    """
+    inset = np.minimum(reserve, (scene.upper - scene.lower) / 4)
+    lower = np.minimum(scene.lower + inset, np.minimum(start, scene.target))
+    upper = np.maximum(scene.upper - inset, np.maximum(start, scene.target))
+    lower[3] = max(min(start[3], scene.target[3]) - YAW_SLACK, scene.lower[3])
+    upper[3] = min(max(start[3], scene.target[3]) + YAW_SLACK, scene.upper[3])
+    margin = settings.clearance_margin + reserve
     ends = (start, scene.target)
     per_obstacle = []
     for i in range(len(scene.obstacle_centers)):
@@ -140,7 +152,7 @@ def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray, e
         per_obstacle.append(tuple(side for side in sides if (side.lower <= side.upper).all()))
 
     heights = tuple(scene.obstacle_centers[:, 2].tolist())
-    return FreeSpace(tuple(per_obstacle), heights, lower, upper, scene.torso_half_size, exact)
+    return FreeSpace(tuple(per_obstacle), heights, lower, upper, scene.torso_half_size, exact, margin)
 
 
 def make_region(space: FreeSpace, choice: tuple[int, ...]) -> Region | None:

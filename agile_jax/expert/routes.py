@@ -10,11 +10,12 @@ anywhere in the overlap, which would make the labels ambiguous.
 import heapq
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.edges import Boundary, Passage, round_edge
 from agile_jax.expert.minimum_time import minimum_time, route_bounds
 from agile_jax.expert.profile import Profile
 from agile_jax.expert.regions import (
@@ -46,16 +47,8 @@ PATIENCE = 50  # expansions without a route after which it is asked whether ther
 Choice = tuple[int, ...]  # a region by the index of its side, per obstacle
 
 
-class Boundary(NamedTuple):
-    """Where a route goes over from one region to the next."""
-
-    pin: Side  # on whose face
-    lower: tuple[float, ...]  # (4,) box around it, of the pose
-    upper: tuple[float, ...]  # (4,)
-
-
 class Route(NamedTuple):
-    """A sequence of P regions."""
+    """A sequence of P regions, one for each phase."""
 
     regions: tuple[Region, ...]
     boundaries: tuple[Boundary, ...]  # between phases p and p + 1, P - 1 of them
@@ -109,6 +102,7 @@ class RouteSearch:
     Args:
         profile: of the slowest axis, when only routes are wanted that may take its time; the bounds are then for
             motions of that duration.
+        rounded: a route has a phase around each edge that it passes (edges.py).
     """
 
     def __init__(
@@ -119,12 +113,13 @@ class RouteSearch:
         settings: ExpertSettings,
         initial_velocity: str,
         profile: Profile | None = None,
+        rounded: bool = False,
     ) -> None:
         # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
         bounds = np.array(settings.velocity), np.array(settings.acceleration)
         times = minimum_time(target - start, *bounds, initial_velocity)
         self._priority = (*np.argsort(-times[:2], kind="stable").tolist(), 2)
-        self._graph = _Graph(space, self._priority, target)
+        self._graph = _Graph(space, self._priority, start, target, rounded)
         self._starts = {region.sides: region for region in regions_around(space, start)}
         self._graph.regions.update(self._starts)
         self._problem = (settings, initial_velocity)
@@ -166,36 +161,51 @@ class RouteSearch:
                     heapq.heappush(heap, (route.objective_bound, (*path, choice), None))
         return None
 
+    def routes(self, most: Callable[[], float]) -> Iterator[Route]:
+        """All that follow, each looked for when it is asked for, under the bound `most` at that time."""
+        while (route := self.next(most())) is not None:
+            yield route
+
     def _evaluate(self, bound: float, path: tuple[Choice, ...]) -> Route:
         graph, (start, target) = self._graph, self._ends
-        crossed = tuple(graph.neighbours(a)[b] for a, b in itertools.pairwise(path))
-        boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
+        crossed = [graph.neighbours(a)[b] for a, b in itertools.pairwise(path)]
+        boundaries = tuple(boundary for passage in crossed for boundary in passage.boundaries)
+        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries]
         duration, objective = route_bounds(start, boxes, target, *self._problem, self._known)
-        detours = sum(boundary.pin.axis != self._priority[0] for boundary in crossed)
-        return Route(tuple(graph.regions[c] for c in path), crossed, detours, duration, max(objective, bound))
+        detours = sum(passage.boundaries[0].pin.axis != self._priority[0] for passage in crossed)
+        phases = [graph.regions[path[0]]]
+        for passage, choice in zip(crossed, path[1:], strict=True):
+            phases += [graph.regions[choice]] if passage.between is None else [passage.between, graph.regions[choice]]
+        return Route(tuple(phases), boundaries, detours, duration, max(objective, bound))
 
 
 def find_routes(
-    space: FreeSpace, start: np.ndarray, target: np.ndarray, settings: ExpertSettings, initial_velocity: str
+    space: FreeSpace,
+    start: np.ndarray,
+    target: np.ndarray,
+    settings: ExpertSettings,
+    initial_velocity: str,
+    rounded: bool = False,
 ) -> Iterator[Route]:
     """Yield all routes in the order of `RouteSearch`."""
-    search = RouteSearch(space, start, target, settings, initial_velocity)
-    while (route := search.next()) is not None:
-        yield route
+    return RouteSearch(space, start, target, settings, initial_velocity, rounded=rounded).routes(lambda: math.inf)
 
 
 class _Graph:
     """Regions and the boundaries between them, made when they are first asked for."""
 
-    def __init__(self, space: FreeSpace, priority: Sequence[int], target: np.ndarray) -> None:
+    def __init__(
+        self, space: FreeSpace, priority: Sequence[int], start: np.ndarray, target: np.ndarray, rounded: bool
+    ) -> None:
         self._space, self._priority, self._target = space, priority, target
+        self._rounded = (start, target) if rounded else None
         self.regions: dict[Choice, Region] = {}
         self._empty: set[Choice] = set()
         self._ends: dict[Choice, bool] = {}
-        self._neighbours: dict[Choice, dict[Choice, Boundary]] = {}
+        self._neighbours: dict[Choice, dict[Choice, Passage]] = {}
 
-    def neighbours(self, choice: Choice) -> dict[Choice, Boundary]:
-        """Regions that differ in the side of one obstacle, in a fixed order, with the boundary in between."""
+    def neighbours(self, choice: Choice) -> dict[Choice, Passage]:
+        """Regions that differ in the side of one obstacle, in a fixed order, with the passage to them."""
         if choice not in self._neighbours:
             found = {}
             for obstacle, side in enumerate(choice):
@@ -204,8 +214,11 @@ class _Graph:
                     if other != side and self._exists(there):
                         a, b = self.regions[choice], self.regions[there]
                         boundary = _boundary(self._space, obstacle, a, b, self._priority)
-                        if boundary is not None:
-                            found[there] = boundary
+                        if boundary is None:
+                            continue
+                        ends = self._rounded
+                        around = ends and round_edge(self._space, obstacle, a, b, boundary.pin, ends)
+                        found[there] = around or Passage((boundary,))
             self._neighbours[choice] = dict(sorted(found.items()))
         return self._neighbours[choice]
 

@@ -2,7 +2,7 @@
 
 The controls are integrated from the stated initial condition in closed form, by the scheme that the labels claim;
 clearance is the exact one of the scene
-(the torso's box with its yaw), at many points inside every interval.
+(the torso's box with its yaw). Clearance and the bounds of the pose are measured at many points inside every interval.
 """
 
 import numpy as np
@@ -119,16 +119,17 @@ def verify(
         ends.append(rates[0])
     if settings.zero_end_controls:
         ends += [controls[0], controls[-1]]
+    scheme = settings.transcription
+    dense = dense_poses(trajectory, scheme=scheme)
     excess = [
-        scene.lower - poses,
-        poses - scene.upper,
+        scene.lower - dense,
+        dense - scene.upper,
         np.abs(controls) - np.array(settings.acceleration),
         -np.diff(trajectory.times)[:, None],
     ]
-    scheme = settings.transcription
     defect = float(np.abs(integrate(trajectory) - states).max())
     exact = scheme != "trapezoidal"
-    nearest = least_clearance(scene, dense_poses(trajectory, scheme=scheme))
+    nearest = least_clearance(scene, dense)
     return Residuals(
         dynamics_residual=defect if exact else float(np.abs(integrate(trajectory, scheme) - states).max()),
         integration_defect=defect,
