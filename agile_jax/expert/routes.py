@@ -52,7 +52,7 @@ class Route(NamedTuple):
 
     regions: tuple[Region, ...]
     boundaries: tuple[Boundary, ...]  # between phases p and p + 1, P - 1 of them
-    detours: int  # pins that are not on the slower horizontal axis
+    detours: int  # passages that are not pinned on the slower horizontal axis
     duration_bound: float  # [s]
     objective_bound: float
 
@@ -82,7 +82,7 @@ def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
         inside = np.ones(len(poses), bool)
         for side in sides:
             if side.name and side.axis != 2:
-                inside &= poses[:, :3] @ side.normal < side.value
+                inside &= poses[:, :3] @ side.normal < side.value - space.margin
         taken = [sides[region.sides[obstacle]].name for region in route.regions]
         lateral = [name for name in taken if name in ("left", "right")]
         if inside.any():
