@@ -14,7 +14,14 @@ from agile_jax.expert.certified import CertifiedSolver, applies, make_certified_
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import ROUNDING_ERRORS, TIGHTENING, FreeSpace, boxes_suffice, check_target, make_free_space
+from agile_jax.expert.regions import (
+    ROUNDING_ERRORS,
+    TIGHTENING,
+    FreeSpace,
+    boxes_suffice,
+    check_target,
+    make_free_space,
+)
 from agile_jax.expert.routes import Route, branch_name, branch_rank, find_routes
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
@@ -121,9 +128,11 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         candidates: list[Candidate] = []
         least = np.inf
         causes: list[str] = []
-        for reserve in (ROUNDING_ERRORS, TIGHTENING):  # the larger one for what leaves its bounds between nodes
+        rounded = settings.edges == "rounded"
+        # The larger reserve is for what leaves its bounds between nodes, and makes square edges those of the fast path.
+        for reserve in (ROUNDING_ERRORS, TIGHTENING) if rounded else (TIGHTENING,):
             space = make_free_space(scene, settings, start, not boxes, reserve)
-            routes = find_routes(space, start, scene.target, settings, condition, rounded=True)
+            routes = find_routes(space, start, scene.target, settings, condition, rounded)
             routes = split_turns(space, routes, start, scene.target, settings, condition)
             causes.clear()
             for tried, route in enumerate(routes):

@@ -166,9 +166,7 @@ def make_free_space(
             low[:2], high[:2] = np.min(polygon, axis=0), np.max(polygon, axis=0)
         regions.append(Region(choice, low, high, faces, polygon))
     heights = tuple(scene.obstacle_centers[:, 2].tolist())
-    return FreeSpace(
-        tuple(per_obstacle), heights, tuple(regions), scene.torso_half_size, exact, lower, upper, margin
-    )
+    return FreeSpace(tuple(per_obstacle), heights, tuple(regions), scene.torso_half_size, exact, lower, upper, margin)
 
 
 def rectangle(low: np.ndarray, high: np.ndarray) -> Polygon:

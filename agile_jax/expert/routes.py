@@ -85,7 +85,9 @@ def find_routes(
 ) -> Iterator[Route]:
     """Yield every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
 
-    With `rounded` edges, a route has a phase around each edge that it passes (edges.py). A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
+    With `rounded` edges, a route has a phase around each edge that it passes (edges.py).
+
+    A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
     lower bound never falls when a route gets longer.
     """
     regions = space.regions

@@ -79,8 +79,8 @@ def test_axis_program_against_another_solver(condition):
 
 @pytest.fixture(scope="module")
 def pair(scene):
-    """The expert, and the general program alone."""
-    return make_expert(scene, ExpertSettings()), make_expert(scene, ExpertSettings(method="general"))
+    """The expert, and the general program alone, for the same free space."""
+    return make_expert(scene, ExpertSettings()), make_expert(scene, ExpertSettings(method="general", edges="square"))
 
 
 @pytest.mark.parametrize(

@@ -51,7 +51,7 @@ def test_route_bound_of_a_detour_counts_both_legs():
 
 def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene, settings):
     from agile_jax.expert.arguments import make_arguments
-    from agile_jax.expert.regions import make_free_space
+    from agile_jax.expert.regions import make_free_space, planning_margin
     from agile_jax.expert.routes import find_routes
     from agile_jax.expert.transcription import build_program, solve_program
 
@@ -64,7 +64,9 @@ def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene
             if phases > 3:
                 continue
             program = programs.setdefault((phases, condition), build_program([False] * phases, condition, settings))
-            arguments = make_arguments(route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight)
+            arguments = make_arguments(
+                route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight
+            )
             trajectory, objective, success, *_ = solve_program(program, arguments)
             assert success
             assert route.duration_bound <= trajectory.times[-1] + 1e-6

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from motion import largest_difference
 
-from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time
+from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time, planning_margin
 from agile_jax.expert.arguments import make_arguments
 from agile_jax.expert.footprint import footprint
 from agile_jax.expert.regions import make_free_space
@@ -95,7 +95,9 @@ def test_label_does_not_depend_on_guess_or_solver(scene, settings, condition):
     generator = np.random.default_rng(0)
     for solver in ("fatrop", "ipopt"):
         program = build_program([False] * len(route.regions), condition, settings, solver)
-        arguments = make_arguments(route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight)
+        arguments = make_arguments(
+            route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight
+        )
         for trial in range(3):
             noise = 0.05 * trial * generator.standard_normal(arguments.guess.shape)
             guess = np.clip(arguments.guess + noise, arguments.lower, arguments.upper)
