@@ -153,9 +153,11 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         def most() -> float:
             return least * (1 + TIE)
 
-        for reserve in (ROUNDING_ERRORS, TIGHTENING):  # the larger one for what leaves its bounds between nodes
+        rounded = settings.edges == "rounded"
+        # The larger reserve is for what leaves its bounds between nodes, and makes square edges those of the fast path.
+        for reserve in (ROUNDING_ERRORS, TIGHTENING) if rounded else (TIGHTENING,):
             space = make_free_space(scene, settings, start, not boxes, reserve)
-            search = RouteSearch(space, start, scene.target, settings, condition, rounded=True)
+            search = RouteSearch(space, start, scene.target, settings, condition, rounded=rounded)
             routes = search.routes(most)
             causes.clear()
             for tried, route in enumerate(split_turns(space, routes, start, scene.target, settings, condition)):

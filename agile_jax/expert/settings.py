@@ -32,6 +32,9 @@ class ExpertSettings(Settings):
     planner: Literal["3d", "2d"] = "3d"  # 2d: height fixed at the target's, obstacles from the floor up (figure 2)
     # auto: closed-form least time where it is attained, else the general program; general: always the program.
     method: Literal["auto", "general"] = "auto"
+    # Around obstacles' edges the general program keeps the margin exactly (rounded), or stays within the fast path's
+    # square corners, whose diagonal is up to sqrt(2) margins away.
+    edges: Literal["rounded", "square"] = "rounded"
     max_routes: Count = 12  # routes solved for one start at most
     starts: Literal["paper", "wide"] = "paper"  # paper: scene.start; wide: dataset/starts.py
     wide_paper_fraction: Fraction = 0.35  # of the wide starts, drawn as the paper's but at any height

@@ -129,8 +129,8 @@ def test_effort_bound_is_the_effort_where_nothing_else_binds(condition):
 
 @pytest.fixture(scope="module")
 def pair(scene):
-    """The expert, and the general program alone."""
-    return make_expert(scene, ExpertSettings()), make_expert(scene, ExpertSettings(method="general"))
+    """The expert, and the general program alone, for the same free space."""
+    return make_expert(scene, ExpertSettings()), make_expert(scene, ExpertSettings(method="general", edges="square"))
 
 
 @pytest.mark.parametrize(

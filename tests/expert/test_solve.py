@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from motion import largest_difference
 
-from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time
+from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time, planning_margin
 from agile_jax.expert.arguments import make_arguments
 from agile_jax.expert.footprint import footprint
-from agile_jax.expert.regions import make_free_space, planning_margin
+from agile_jax.expert.regions import make_free_space
 from agile_jax.expert.routes import find_routes
 from agile_jax.expert.transcription import build_program, solve_program
 from agile_jax.scene import SceneSettings, clearance, make_scene
