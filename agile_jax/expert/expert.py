@@ -15,11 +15,11 @@ from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
 from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space, planning_margin
-from agile_jax.expert.relevant import first_obstacles, obstacles_met, with_obstacles
-from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank
+from agile_jax.expert.relevant import along, first_met, first_obstacles, with_obstacles
+from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank, waypoints
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
-from agile_jax.expert.verify import rejection, verify
+from agile_jax.expert.verify import dense_poses, rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene, planar_scene
 
 TIE = 1e-6  # relative difference of objectives below which the fixed order of branches decides
@@ -112,21 +112,27 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         condition = initial_velocity or settings.initial_velocity
         chosen = first_obstacles(scene, start, planning_margin(settings))
         while True:
-            part = with_obstacles(scene, chosen)
-            solution = solve_among(part, start, condition, first, guess)
-            if chosen.all() or solution.status != "solved":
+            part, others = with_obstacles(scene, chosen), with_obstacles(scene, ~chosen)
+            solution = solve_among(part, others, start, condition, first, guess)
+            if isinstance(solution, np.ndarray):
+                path = solution
+            elif chosen.all() or solution.status != "solved":
                 break
-            path = solution.trajectory
-            met = obstacles_met(scene, chosen, path, settings.clearance_margin, settings.transcription)
-            if not met.any():
-                residuals = verify(scene, settings, path, start, condition)
+            else:
+                path = dense_poses(solution.trajectory, scheme=settings.transcription)
+            met = first_met(others, path, settings.clearance_margin)
+            if met is None and not isinstance(solution, np.ndarray):
+                residuals = verify(scene, settings, solution.trajectory, start, condition)
                 solution = solution._replace(**residuals._asdict())
                 break
-            chosen |= met
+            chosen[np.flatnonzero(~chosen)[met]] = True
         return solution._replace(solve_time_s=time.perf_counter() - began)
 
-    def solve_among(scene: Scene, start: np.ndarray, condition: str, first: str, guess: int) -> ExpertSolution:
-        """The solution of one start among the obstacles of a part of the scene."""
+    def solve_among(
+        scene: Scene, others: Scene, start: np.ndarray, condition: str, first: str, guess: int
+    ) -> ExpertSolution | np.ndarray:
+        """The solution of one start among the obstacles of a part of the scene; or the poses along the best route's
+        waypoints, (n, 4), when the general program would be needed, and these meet some of the others."""
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
@@ -148,6 +154,10 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             route = search.next(least * (1 + TIE))
             if route is None:
                 break
+            if not candidates and not causes:
+                sketch = along(waypoints(route, start, scene.target))
+                if first_met(others, sketch, settings.clearance_margin) is not None:
+                    return sketch
             candidate = ladder.solve(scene, space, route, start, condition, profile, first, guess)
             if isinstance(candidate, str):
                 causes.append(f"{len(route.regions)} phases: {candidate}")
