@@ -23,12 +23,12 @@ from agile_jax.expert.regions import (
     make_free_space,
     planning_margin,
 )
-from agile_jax.expert.relevant import first_obstacles, obstacles_met, with_obstacles
-from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank
+from agile_jax.expert.relevant import along, first_met, first_obstacles, with_obstacles
+from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank, waypoints
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
 from agile_jax.expert.turns import split_turns
-from agile_jax.expert.verify import rejection, verify
+from agile_jax.expert.verify import dense_poses, rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene, planar_scene
 
 TIE = 1e-6  # relative difference of objectives below which the fixed order of branches decides
@@ -121,21 +121,27 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         condition = initial_velocity or settings.initial_velocity
         chosen = first_obstacles(scene, start, planning_margin(settings))
         while True:
-            part = with_obstacles(scene, chosen)
-            solution = solve_among(part, start, condition, first, guess)
-            if chosen.all() or solution.status != "solved":
+            part, others = with_obstacles(scene, chosen), with_obstacles(scene, ~chosen)
+            solution = solve_among(part, others, start, condition, first, guess)
+            if isinstance(solution, np.ndarray):
+                path = solution
+            elif chosen.all() or solution.status != "solved":
                 break
-            path = solution.trajectory
-            met = obstacles_met(scene, chosen, path, settings.clearance_margin, settings.transcription)
-            if not met.any():
-                residuals = verify(scene, settings, path, start, condition)
+            else:
+                path = dense_poses(solution.trajectory, scheme=settings.transcription)
+            met = first_met(others, path, settings.clearance_margin)
+            if met is None and not isinstance(solution, np.ndarray):
+                residuals = verify(scene, settings, solution.trajectory, start, condition)
                 solution = solution._replace(**residuals._asdict())
                 break
-            chosen |= met
+            chosen[np.flatnonzero(~chosen)[met]] = True
         return solution._replace(solve_time_s=time.perf_counter() - began)
 
-    def solve_among(scene: Scene, start: np.ndarray, condition: str, first: str, guess: int) -> ExpertSolution:
-        """The solution of one start among the obstacles of a part of the scene."""
+    def solve_among(
+        scene: Scene, others: Scene, start: np.ndarray, condition: str, first: str, guess: int
+    ) -> ExpertSolution | np.ndarray:
+        """The solution of one start among the obstacles of a part of the scene; or the poses along the best route's
+        waypoints, (n, 4), when the general program would be needed, and these meet some of the others."""
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
@@ -163,6 +169,10 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             for tried, route in enumerate(split_turns(space, routes, start, scene.target, settings, condition)):
                 if tried == settings.max_routes or route.objective_bound > most():
                     break
+                if not candidates and not causes:
+                    sketch = along(waypoints(route, start, scene.target))
+                    if first_met(others, sketch, settings.clearance_margin) is not None:
+                        return sketch
                 candidate = ladder.solve(scene, space, route, start, condition, profile, first, guess)
                 if isinstance(candidate, str):
                     causes.append(f"{len(route.regions)} phases: {candidate}")

@@ -3,15 +3,17 @@
 The number of regions grows with six to the power of the number of obstacles, yet a path has to do with few of them. So
 a start is solved among some of the obstacles, at first among none. Leaving obstacles out only enlarges the free space:
 when the best path clears those that were left out as well, it is the best among all, and when there is none, there is
-none among all. Otherwise what it meets first is added, and the start is solved again.
+none among all. Otherwise what it meets first is added, and the start is solved again. Before a path is left to the
+general program, which takes long, the straight lines along its route are tried in its place.
 """
+
+import itertools
 
 import numpy as np
 
-from agile_jax.expert.solution import Trajectory
-from agile_jax.expert.verify import dense_poses
 from agile_jax.scene import Scene, obstacle_clearances
 
+LINE = 40  # poses on a straight line
 FEW = 2  # obstacles, of which those in the way are taken at once: they are nearly always met
 
 
@@ -34,14 +36,16 @@ def with_obstacles(scene: Scene, chosen: np.ndarray) -> Scene:
     return scene._replace(**fields)
 
 
-def obstacles_met(scene: Scene, chosen: np.ndarray, trajectory: Trajectory, margin: float, scheme: str) -> np.ndarray:
-    """Which of the obstacles that are not chosen a trajectory is the first to come nearer to than the margin, if any;
-    shape (n,), bool."""
-    met = np.zeros(len(chosen), bool)
-    others = np.flatnonzero(~chosen)
-    poses = dense_poses(trajectory, scheme=scheme)
-    near = obstacle_clearances(with_obstacles(scene, ~chosen), poses) < margin
-    if near.any():
-        first = np.where(near.any(0), near.argmax(0), len(poses))
-        met[others[int(np.argmin(first))]] = True
-    return met
+def along(points: np.ndarray) -> np.ndarray:
+    """Poses on the straight lines between points, shape (p, 4)."""
+    shares = np.linspace(0, 1, LINE, endpoint=False)[:, None]
+    lines = [a + shares * (b - a) for a, b in itertools.pairwise(points)]
+    return np.concatenate([*lines, points[-1:]])
+
+
+def first_met(scene: Scene, poses: np.ndarray, margin: float) -> int | None:
+    """The obstacle that a path through poses, shape (m, 4), is the first to come nearer to than the margin."""
+    near = obstacle_clearances(scene, poses) < margin
+    if not near.any():
+        return None
+    return int(np.argmin(np.where(near.any(0), near.argmax(0), len(poses))))

@@ -130,14 +130,14 @@ class RouteSearch:
         self._heap: list[tuple[float, tuple[Choice, ...], Route | None]] = [
             (0.0, (choice,), None) for choice in sorted(self._starts)
         ]
-        self._expansions = 0
+        self.expansions = 0
         self._followed: dict[Choice, int] = {}  # how often, by the region where a path ends
         self._found = False
 
     def next(self, most: float = math.inf) -> Route | None:
         """The next route; None when there is none whose bound is at most `most`, which must never grow."""
         heap = self._heap
-        while heap and heap[0][0] <= most and self._expansions < MAX_EXPANSIONS:
+        while heap and heap[0][0] <= most and self.expansions < MAX_EXPANSIONS:
             bound, path, route = heapq.heappop(heap)
             if route is None:
                 route = self._evaluate(bound, path)
@@ -152,8 +152,8 @@ class RouteSearch:
             self._followed[path[-1]] = followed = self._followed.get(path[-1], 0) + 1
             if followed > PATHS:
                 continue
-            self._expansions += 1
-            if self._expansions == PATIENCE and not self._found and not self._graph.connects(self._starts):
+            self.expansions += 1
+            if self.expansions == PATIENCE and not self._found and not self._graph.connects(self._starts):
                 heap.clear()
                 return None
             for choice in self._graph.neighbours(path[-1]):

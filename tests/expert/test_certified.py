@@ -243,8 +243,8 @@ def test_agrees_with_the_general_program_from_two_hundred_turned_starts(scene, p
 
 
 def test_end_controls_of_zero_are_certified_too(scene):
-    """An interval of rest at both ends: the time is N / (N - 2) of that without. One phase of the program agrees
-    with it; in several phases its end intervals are of its first and last phase's mean length."""
+    """An interval of rest at both ends: the time is N / (N - 2) of that without. One phase of the general program
+    agrees with it; in several phases its end intervals are of its first and last phase's mean length."""
     settings = ExpertSettings(zero_end_controls=True, nodes=60)
     fast, general = (make_expert(scene, settings.model_copy(update={"method": m})) for m in ("auto", "general"))
     plain = make_expert(scene, ExpertSettings(nodes=60))
