@@ -86,10 +86,11 @@ class Ladder:
         phases = len(route.regions)
         if settings.nodes < FEWEST_INTERVALS * phases:
             return f"{settings.nodes} nodes are too few for {phases} phases"
+        rows = len(route.regions[0].faces) if space.exact else 0
         begin = [rung.name for rung in RUNGS].index(first)
         causes = []
         for rung in RUNGS[begin:] + RUNGS[:begin]:
-            program = self._program(phases, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
+            program = self._program(phases, initial_velocity, rung.solver, rows)
             best: Candidate | None = None
             boundaries = None
             for _ in range(1 + REFINEMENTS):

@@ -15,9 +15,10 @@ from typing import NamedTuple
 import numpy as np
 
 from agile_jax.expert.minimum_time import minimum_time, route_bounds
-from agile_jax.expert.regions import CONTAINMENT, FreeSpace, Region, Side, clip_by_sides, holds
+from agile_jax.expert.regions import FreeSpace, Region, clip_by_sides, holds
 from agile_jax.expert.separation import Polygon, clip
 from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.sides import CONTAINMENT, Face, Side
 
 BRANCH_ORDER = (
     "direct",
@@ -26,13 +27,14 @@ BRANCH_ORDER = (
     "right",
     "over",
 )  # of equally good routes the first wins; others follow by name
+LATERAL = ("left", "right", "front", "back")  # names of sides
 MAX_EXPANSIONS = 20_000
 
 
 class Boundary(NamedTuple):
     """Where a route goes over from one region to the next."""
 
-    pin: Side  # on whose face
+    pin: Face
     lower: np.ndarray  # (4,) box around it, of the pose
     upper: np.ndarray  # (4,)
 
@@ -47,8 +49,8 @@ class Route(NamedTuple):
     objective_bound: float
 
     @property
-    def pins(self) -> tuple[Side, ...]:
-        """The sides whose faces are the boundaries."""
+    def pins(self) -> tuple[Face, ...]:
+        """The faces that are the boundaries."""
         return tuple(boundary.pin for boundary in self.boundaries)
 
 
@@ -58,27 +60,29 @@ def branch_rank(branch: str) -> tuple[int, str]:
 
 
 def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
-    """How a path along a route passes the obstacles, in the words of someone looking along +x.
+    """How a path along a route passes the obstacles, in the words of whoever walks along it.
 
-    Per obstacle: "under" or "over" when the torso is ever below or above it, else "left" or "right" when the route
-        changes its side of the obstacle by way of that side. Joined by "+" for several obstacles; "direct" when
-        nothing of it applies.
+    Per obstacle of the settings, whatever it is made of: "under" or "over" when the torso is ever below or above it,
+        also between its legs; else, when the route changes its side of the obstacle, "left" or "right" by the way in
+        which the path goes round it ("left": the obstacle stays on the right). Joined by "+" for several obstacles;
+        "direct" when nothing of it applies.
 
     Args:
         poses: of the nodes, shape (T+1, 4).
     """
     names = []
-    for obstacle, sides in enumerate(space.sides):
+    for obstacle, (sides, center) in enumerate(zip(space.sides, space.centers, strict=True)):
         inside = np.ones(len(poses), bool)
         for side in sides:
-            if side.name and side.axis != 2:
-                inside &= poses[:, :3] @ side.normal < side.value
-        taken = [sides[region.sides[obstacle]].name for region in route.regions]
-        lateral = [name for name in taken if name in ("left", "right")]
+            if side.name in LATERAL and len(side.faces) == 1:
+                inside &= poses[:, :3] @ side.faces[0].normal < side.faces[0].value
+        taken = {sides[region.sides[obstacle]].name for region in route.regions} - {""}
         if inside.any():
-            names.append("under" if poses[inside][0, 2] < space.heights[obstacle] else "over")
-        elif len(set(taken)) > 1 and lateral:
-            names.append(lateral[0])
+            names.append("under" if poses[inside][0, 2] < center[2] else "over")
+        elif len(taken) > 1:
+            x, y = (poses[:, :2] - center[:2]).T
+            turned = np.unwrap(np.arctan2(y, x))
+            names.append("left" if turned[-1] < turned[0] else "right")
     return "+".join(dict.fromkeys(names)) or "direct"
 
 
@@ -97,39 +101,40 @@ def find_routes(
     # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
     times = minimum_time(target - start, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
     priority = [*np.argsort(-times[:2], kind="stable").tolist(), 2]
-    known: dict[int, dict[int, Boundary]] = {}
+    known: dict[int, dict[int, list[Boundary]]] = {}
 
-    def neighbours(i: int) -> dict[int, Boundary]:
+    def neighbours(i: int) -> dict[int, list[Boundary]]:
         if i not in known:
             known[i] = dict(sorted(_neighbours(space, regions[i], index, priority), key=lambda pair: pair[0]))
         return known[i]
 
-    def boundaries(path: tuple[int, ...]) -> list[Boundary]:
-        return [neighbours(i)[j] for i, j in itertools.pairwise(path)]
+    def boundaries(path: tuple[int, ...], ways: tuple[int, ...]) -> list[Boundary]:
+        return [neighbours(i)[j][way] for (i, j), way in zip(itertools.pairwise(path), ways, strict=True)]
 
-    heap: list[tuple[float, tuple[int, ...]]] = []
+    heap: list[tuple[float, tuple[int, ...], tuple[int, ...]]] = []  # bound, regions, which boundary between them
 
-    def push(path: tuple[int, ...]) -> None:
-        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path)]
-        heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path))
+    def push(path: tuple[int, ...], ways: tuple[int, ...]) -> None:
+        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path, ways)]
+        heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path, ways))
 
     for i in range(len(regions)):
         if holds_start[i]:
-            push((i,))
+            push((i,), ())
     expansions = 0
     while heap and expansions < MAX_EXPANSIONS:
         expansions += 1
-        _, path = heapq.heappop(heap)
+        _, path, ways = heapq.heappop(heap)
         if holds_target[path[-1]]:
-            crossed = boundaries(path)
+            crossed = boundaries(path, ways)
             boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
             bounds = route_bounds(start, boxes, target, settings, initial_velocity)
             detours = sum(boundary.pin.axis != priority[0] for boundary in crossed)
             yield Route(tuple(regions[i] for i in path), tuple(crossed), detours, *bounds)
             continue
-        for j in neighbours(path[-1]):
+        for j, between in neighbours(path[-1]).items():
             if not holds_start[j] and not _returns([regions[i] for i in path], regions[j]):
-                push((*path, j))
+                for way in range(len(between)):
+                    push((*path, j), (*ways, way))
 
 
 def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -148,33 +153,46 @@ def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray
 
 def _neighbours(
     space: FreeSpace, region: Region, index: dict[tuple[int, ...], int], priority: list[int]
-) -> Iterator[tuple[int, Boundary]]:
-    """Regions that differ from one in the side of one obstacle, with the boundary in between."""
+) -> Iterator[tuple[int, list[Boundary]]]:
+    """Regions that differ from one in the side of one obstacle, with the boundaries in between."""
     for obstacle, side in enumerate(region.sides):
         for other in range(len(space.sides[obstacle])):
             j = index.get((*region.sides[:obstacle], other, *region.sides[obstacle + 1 :]))
             if other != side and j is not None:
-                boundary = _boundary(space, obstacle, region, space.regions[j], priority)
-                if boundary is not None:
-                    yield j, boundary
+                boundaries = _boundaries(space, obstacle, region, space.regions[j], priority)
+                if boundaries:
+                    yield j, boundaries
 
 
-def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: list[int]) -> Boundary | None:
-    """Where a path goes over from one region to another: on a face, out of the two sides of the obstacle, that passes
-    through their intersection; None when there is none."""
+def _boundaries(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: list[int]) -> list[Boundary]:
+    """Where a path goes over from one region to another: on the faces of the old or of the new side of the obstacle
+    that pass through their intersection; empty when there are none.
+
+    Every path last leaves the old side through one of its faces, and first enters the new one through one of its own:
+    whichever side has fewer serves.
+    """
     low, high = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
     if (low > high).any():
-        return None
-    faces = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
-    for pin in sorted((face for face in faces if face.normal.any()), key=lambda face: priority.index(face.axis)):
-        box = _pinned_box(space, pin, b, a.polygon, low.copy(), high.copy())
-        if box is not None:
-            return Boundary(pin, *box)
-    return None
+        return []
+    sides = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
+    choices = [_only_of(side, other) for side, other in (sides, sides[::-1])]
+    for pins in sorted(filter(None, choices), key=lambda pins: (len(pins), priority.index(pins[0].axis))):
+        boxes = [(pin, _pinned_box(space, pin, b, a.polygon, low.copy(), high.copy())) for pin in pins]
+        found = [Boundary(pin, *box) for pin, box in boxes if box is not None]
+        if found:
+            return found
+    return []
+
+
+def _only_of(side: Side, other: Side) -> list[Face]:
+    """The faces of a side that another side of the obstacle has not; empty when paths cannot be pinned to all."""
+    others = {(*face.normal, face.value) for face in other.faces}
+    own = [face for face in side.faces if (*face.normal, face.value) not in others]
+    return own if all(face.normal.any() for face in own) else []
 
 
 def _pinned_box(
-    space: FreeSpace, pin: Side, other: Region, polygon: Polygon, low: np.ndarray, high: np.ndarray
+    space: FreeSpace, pin: Face, other: Region, polygon: Polygon, low: np.ndarray, high: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray] | None:
     """The box around where a face, for some yaw, passes through the intersection of a region's polygon, another region
     and a box of poses."""

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, check_start, compare_planners, make_expert, minimum_time
-from agile_jax.expert.regions import footprint, footprint_range, holds, make_free_space
+from agile_jax.expert.footprint import footprint, footprint_range
+from agile_jax.expert.regions import holds, make_free_space
 from agile_jax.expert.routes import find_routes
 from agile_jax.expert.separation import clip, planar_separation
 from agile_jax.geometry import rectangle_distance
