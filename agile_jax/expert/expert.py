@@ -11,15 +11,16 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.expert.certified import CertifiedSolver, applies, make_certified_solver, solve_certified
+from agile_jax.expert.ends import check_target
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space
+from agile_jax.expert.regions import FreeSpace, boxes_suffice, make_free_space
 from agile_jax.expert.routes import Route, branch_name, branch_rank, find_routes
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
 from agile_jax.expert.verify import rejection, verify
-from agile_jax.scene import POSE_SIZE, Scene, planar_scene
+from agile_jax.scene import POSE_SIZE, Scene, facing, planar_scene
 
 TIE = 1e-6  # relative difference of objectives below which the fixed order of branches decides
 # Several routes can describe one path (a start that is in front of the table and beside it may leave either region
@@ -41,22 +42,22 @@ class Expert(NamedTuple):
 def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     """The expert for a scene.
 
-    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop", guess=0)` takes a pose, shape (4,),
-        and returns an `ExpertSolution`; it does not raise for a start without solution (status "failed"). `first` names
-        the rung of the ladder to begin with (ladder.py), `guess` one of its initial guesses; labels must not depend
-        on either. `check_start` refuses bad starts. With planner "2d" the
-        start's height is replaced by the target's.
+    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop", guess=0, target=None)` takes poses,
+        shape (4,), and returns an `ExpertSolution`; without `target` it leads to the scene's. It does not raise where
+        there is no solution (status "failed"). `first` names the rung of the ladder to begin with (ladder.py), `guess`
+        one of its initial guesses; labels must not depend on either. `check_start` and `check_target` refuse bad poses.
+        With planner "2d" the start's height is replaced by the target's. Where the bounds of yaw hold a full circle,
+        the path turns the shorter way, and its last yaw may differ from the target's by full turns.
 
     Raises:
         BadInput: the target keeps less than the margin.
     """
-    if settings.planner == "2d":
-        scene = planar_scene(scene)
-    check_target(scene, settings)
-    ladder = Ladder(scene, settings)
+    flat = settings.planner == "2d"
+    check_target(planar_scene(scene) if flat else scene, settings)
+    ladder = Ladder(scene.torso_half_size, settings)
     certified: dict[str, CertifiedSolver] = {}
 
-    def fast(start: np.ndarray, condition: str, space: FreeSpace, profile: Profile) -> Candidate | None:
+    def fast(scene: Scene, start: np.ndarray, condition: str, space: FreeSpace, profile: Profile) -> Candidate | None:
         """The best of the routes that attain the lower bound; None when none of those tried does."""
         if condition not in certified:
             certified[condition] = make_certified_solver(settings, condition)
@@ -101,32 +102,38 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             del candidates[best.branch]
         return None
 
-    def solve(start: Any, initial_velocity: str | None = None, first: str = "fatrop", guess: int = 0) -> ExpertSolution:
+    def solve(
+        start: Any, initial_velocity: str | None = None, first: str = "fatrop", guess: int = 0, target: Any = None
+    ) -> ExpertSolution:
         began = time.perf_counter()
         start = np.array(start, float)
-        if settings.planner == "2d":
-            start[2] = scene.target[2]
+        problem = scene if target is None else scene._replace(target=np.array(target, float))
+        if flat:
+            problem = planar_scene(problem)
+            start[2] = problem.target[2]
+        problem = facing(problem, start)
+        target = problem.target
         condition = initial_velocity or settings.initial_velocity
-        bound = lower_bound(start, scene.target, settings, condition)
-        profile = slowest_axis(start, scene.target, settings, condition)
-        boxes = boxes_suffice(scene, start)
+        bound = lower_bound(start, target, settings, condition)
+        profile = slowest_axis(start, target, settings, condition)
+        boxes = boxes_suffice(problem, start)
         space: FreeSpace | None = None
         if applies(settings):
-            space = make_free_space(scene, settings, start)
-            attained = fast(start, condition, space, profile)
+            space = make_free_space(problem, settings, start)
+            attained = fast(problem, start, condition, space, profile)
             if attained is not None:
                 solved = [(attained.branch, attained.objective)]
                 return _solution(attained, bound, solved, time.perf_counter() - began)
         if space is None or not boxes:
-            space = make_free_space(scene, settings, start, exact=not boxes)
+            space = make_free_space(problem, settings, start, exact=not boxes)
 
         candidates: list[Candidate] = []
         least = np.inf
         causes: list[str] = []
-        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
+        for tried, route in enumerate(find_routes(space, start, target, settings, condition)):
             if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
                 break
-            candidate = ladder.solve(space, route, start, condition, profile, first, guess)
+            candidate = ladder.solve(problem, space, route, start, condition, profile, first, guess)
             if isinstance(candidate, str):
                 causes.append(f"{len(route.regions)} phases: {candidate}")
                 continue

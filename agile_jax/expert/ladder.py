@@ -52,14 +52,15 @@ class Candidate(NamedTuple):
 
 
 class Ladder:
-    """The general programs of one scene, each built when it is first needed. They hold no state between calls."""
+    """The general programs for one torso, each built when it is first needed. They hold no state between calls."""
 
-    def __init__(self, scene: Scene, settings: ExpertSettings) -> None:
-        self._scene, self._settings = scene, settings
+    def __init__(self, torso_half_size: np.ndarray, settings: ExpertSettings) -> None:
+        self._torso_half_size, self._settings = torso_half_size, settings
         self._programs: dict[tuple[int, str, str, int], Any] = {}
 
     def solve(
         self,
+        scene: Scene,
         space: FreeSpace,
         route: Route,
         start: np.ndarray,
@@ -71,8 +72,9 @@ class Ladder:
         """The verified solution along a route, or why there is none.
 
         Args:
+            scene: with the target.
             space: the regions of the route.
-            route: from `start` to the scene's target.
+            route: from `start` to the target.
             start: pose, shape (4,).
             initial_velocity: "rest" or "free".
             profile: of the slowest axis.
@@ -82,7 +84,7 @@ class Ladder:
         from agile_jax.expert.arguments import disturbed, make_arguments
         from agile_jax.expert.transcription import solve_program
 
-        scene, settings = self._scene, self._settings
+        settings = self._settings
         phases = len(route.regions)
         if settings.nodes < FEWEST_INTERVALS * phases:
             return f"{settings.nodes} nodes are too few for {phases} phases"
@@ -125,6 +127,6 @@ class Ladder:
         key = (phases, initial_velocity, solver, obstacles)
         if key not in self._programs:
             self._programs[key] = build_program(
-                phases, initial_velocity, self._settings, solver, obstacles, self._scene.torso_half_size
+                phases, initial_velocity, self._settings, solver, obstacles, self._torso_half_size
             )
         return self._programs[key]

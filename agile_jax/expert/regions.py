@@ -22,8 +22,7 @@ from agile_jax.expert.separation import Polygon, clip
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.sides import CONTAINMENT, NO_ROW, PARALLEL, Side, box_sides, exact_sides
 from agile_jax.geometry import rotation_2d
-from agile_jax.scene import POSE_SIZE, Scene, obstacle_clearances
-from agile_jax.settings import BadInput
+from agile_jax.scene import Scene
 
 # The path between two nodes is a parabola that leaves the box of its end points by at most a h^2 / 8: 0.4 mm for 1.5
 # m/s^2 and 46 ms.
@@ -54,38 +53,6 @@ class FreeSpace(NamedTuple):
 def planning_margin(settings: ExpertSettings) -> float:
     """Clearance that the plan keeps at its nodes, so that the path between them keeps `clearance_margin` [m]."""
     return settings.clearance_margin + TIGHTENING
-
-
-def check_start(scene: Scene, settings: ExpertSettings, start: np.ndarray) -> None:
-    """Refuse a start pose, shape (4,), from which no plan can begin.
-
-    Raises: BadInput: outside the bounds, inside an obstacle, or within the margin of one. The message names value and
-        allowed range.
-    """
-    start = np.asarray(start, float)
-    if start.shape != (POSE_SIZE,) or not np.isfinite(start).all():
-        raise BadInput(f"start = {start.tolist()} must be {POSE_SIZE} finite numbers: x y z yaw [m, m, m, rad]")
-    for name, unit, value, low, high in zip(
-        ["x", "y", "z", "yaw"], ["m", "m", "m", "rad"], start, scene.lower, scene.upper, strict=True
-    ):
-        if not low <= value <= high:
-            raise BadInput(f"start {name} = {value:g} {unit} is outside its bounds [{low:g}, {high:g}] {unit}")
-    _check_clearance(scene, settings, start, "start")
-
-
-def check_target(scene: Scene, settings: ExpertSettings) -> None:
-    """Refuse a target that keeps less than the margin (BadInput): no plan could end there."""
-    _check_clearance(scene, settings, scene.target, "target")
-
-
-def _check_clearance(scene: Scene, settings: ExpertSettings, pose: np.ndarray, name: str) -> None:
-    for i, distance in enumerate(obstacle_clearances(scene, pose)):
-        if distance < planning_margin(settings):
-            where = "inside" if distance < 0 else f"{distance:.4f} m from"
-            raise BadInput(
-                f"{name} = {pose.tolist()} puts the torso {where} obstacle {i} (clearance {distance:.4f} m); "
-                f"at least {planning_margin(settings):g} m is needed"
-            )
 
 
 def boxes_suffice(scene: Scene, start: np.ndarray) -> bool:

@@ -218,7 +218,7 @@ def _cell(
         elif np.linalg.norm(gaps[box][gaps[box] > 0]) < margin:
             return None
         else:
-            limits = {axis: float(pose[axis]) for axis in np.flatnonzero(gaps[box] > 0)}
+            limits = {axis: float(pose[axis]) for axis in range(3) if gaps[box, axis] > 0}
         for axis, limit in limits.items():
             if pose[axis] > center[axis]:
                 low[axis] = max(low[axis], limit)
