@@ -27,8 +27,8 @@ def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> 
     """Floor, obstacles, robot, light and cameras.
 
     The obstacles' boxes are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track`
-    (follows the trunk). The robot collides with the floor and with obstacles, never with itself; automatic reset is off. Contact
-    sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that box) and
+    (follows the trunk). The robot collides with the floor and with obstacles, never with itself; automatic reset is
+    off. Contact sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that box) and
     `touch_floor_<geom>` (trunk, hips, thighs).
 
     Args:
