@@ -28,6 +28,7 @@ BRANCH_ORDER = (
     "over",
 )  # of equally good routes the first wins; others follow by name
 LATERAL = ("left", "right", "front", "back")  # names of sides
+TOUCHING = 1e-6  # [m] a path along a face is beside the obstacle
 MAX_EXPANSIONS = 20_000
 
 
@@ -75,7 +76,7 @@ def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
         inside = np.ones(len(poses), bool)
         for side in sides:
             if side.name in LATERAL and len(side.faces) == 1:
-                inside &= poses[:, :3] @ side.faces[0].normal < side.faces[0].value
+                inside &= poses[:, :3] @ side.faces[0].normal < side.faces[0].value - TOUCHING
         taken = {sides[region.sides[obstacle]].name for region in route.regions} - {""}
         if inside.any():
             names.append("under" if poses[inside][0, 2] < center[2] else "over")
@@ -111,11 +112,13 @@ def find_routes(
     def boundaries(path: tuple[int, ...], ways: tuple[int, ...]) -> list[Boundary]:
         return [neighbours(i)[j][way] for (i, j), way in zip(itertools.pairwise(path), ways, strict=True)]
 
-    heap: list[tuple[float, tuple[int, ...], tuple[int, ...]]] = []  # bound, regions, which boundary between them
+    # Bound, number of regions, regions, which boundary between them: of equal bounds the simplest route comes first.
+    heap: list[tuple[float, int, tuple[int, ...], tuple[int, ...]]] = []
 
     def push(path: tuple[int, ...], ways: tuple[int, ...]) -> None:
         boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path, ways)]
-        heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path, ways))
+        bound = route_bounds(start, boxes, target, settings, initial_velocity)[1]
+        heapq.heappush(heap, (bound, len(path), path, ways))
 
     for i in range(len(regions)):
         if holds_start[i]:
@@ -123,7 +126,7 @@ def find_routes(
     expansions = 0
     while heap and expansions < MAX_EXPANSIONS:
         expansions += 1
-        _, path, ways = heapq.heappop(heap)
+        _, _, path, ways = heapq.heappop(heap)
         if holds_target[path[-1]]:
             crossed = boundaries(path, ways)
             boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
