@@ -44,7 +44,12 @@ def remove_stale() -> None:
             continue  # it has just gone, or is just being made
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            shutil.rmtree(folder, ignore_errors=True)
+            for path in folder.iterdir():
+                if path.name != LOCK:
+                    shutil.rmtree(path, ignore_errors=True)
+            # The lock's file goes last: workers outlive a killed engine by a moment, and may write once more.
+            if [path.name for path in folder.iterdir()] == [LOCK]:
+                shutil.rmtree(folder, ignore_errors=True)
         except OSError:
             pass  # held
         finally:
