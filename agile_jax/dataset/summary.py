@@ -41,7 +41,7 @@ def summarise(
     index = whole["index"][good]
     # Only indices and seed matter for the split.
     empty = np.empty(0)
-    dataset = Dataset(index, empty, empty, empty, empty, empty, empty, empty, seed, dataset_hash)
+    dataset = Dataset(index, empty, empty, empty, empty, empty, empty, empty, empty, seed, dataset_hash)
 
     def over(name: str, reduce: Any) -> float | None:
         return float(reduce(whole[name][good])) if good.any() else None

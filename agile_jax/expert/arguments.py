@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 from agile_jax.expert.profile import Profile, make_grid
-from agile_jax.expert.regions import NO_ROW, Side
 from agile_jax.expert.routes import Route, waypoints
 from agile_jax.expert.schemes import LINEAR
 from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.sides import NO_ROW, Face
 from agile_jax.expert.transcription import Arguments, Program
 from agile_jax.scene import POSE_SIZE
 
@@ -113,9 +113,9 @@ def disturbed(arguments: Arguments, seed: int) -> Arguments:
     return arguments._replace(guess=np.clip(arguments.guess + noise, arguments.lower, arguments.upper))
 
 
-def _make_room(low: np.ndarray, high: np.ndarray, pin: Side) -> None:
+def _make_room(low: np.ndarray, high: np.ndarray, pin: Face) -> None:
     """Widen the bounds of a boundary's node, in place, where the pin holds already."""
-    if pin.face is NO_ROW:
+    if pin.row is NO_ROW:
         value = pin.normal[pin.axis] * pin.value
         low[pin.axis], high[pin.axis] = value - PIN_ROOM, value + PIN_ROOM
     else:
@@ -123,12 +123,12 @@ def _make_room(low: np.ndarray, high: np.ndarray, pin: Side) -> None:
         high[:2] += PIN_ROOM
 
 
-def _pin_parameters(pin: Side) -> np.ndarray:
+def _pin_parameters(pin: Face) -> np.ndarray:
     """Normal, its direction in the plane, weight of the footprint, offset. Shape (7,)."""
-    if pin.face is NO_ROW:
+    if pin.row is NO_ROW:
         return np.array([*pin.normal, 1.0, 0.0, 0.0, pin.value])
     length = np.hypot(pin.normal[0], pin.normal[1])
-    return np.array([*pin.normal, *(pin.normal[:2] / length), length, pin.face[3]])
+    return np.array([*pin.normal, *(pin.normal[:2] / length), length, pin.row[3]])
 
 
 def _row_bounds(route: Route, program: Program, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -144,7 +144,7 @@ def _row_bounds(route: Route, program: Program, velocity: np.ndarray) -> tuple[n
             slack = 0.0
             if kind == "touch":  # the pin may put the torso on this very face
                 pin = route.pins[int(np.searchsorted(firsts, node)) - 1]
-                slack = float(np.array_equal(pin.face, face))
+                slack = float(np.array_equal(pin.row, face))
             lower += [-slack if face[:3].any() else -np.inf] * count
             upper += [np.inf] * count
         elif kind == "edge":

@@ -17,18 +17,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.regions import NO_ROW, PARALLEL, FreeSpace, Region, Side, half_space_box, holds, rectangle
+from agile_jax.expert.boundaries import Boundary
+from agile_jax.expert.regions import FreeSpace, Region, holds, rectangle
 from agile_jax.expert.separation import clip
+from agile_jax.expert.sides import NO_ROW, PARALLEL, Ends, Face, half_space_box
 
 Box = tuple[np.ndarray, np.ndarray]  # (lower, upper) of the pose, each (4,)
-
-
-class Boundary(NamedTuple):
-    """Where a route goes over from one phase to the next."""
-
-    pin: Side  # on whose face
-    lower: tuple[float, ...]  # (4,) box around it, of the pose
-    upper: tuple[float, ...]  # (4,)
 
 
 class Passage(NamedTuple):
@@ -38,18 +32,20 @@ class Passage(NamedTuple):
     between: Region | None = None
 
 
-def round_edge(
-    space: FreeSpace, obstacle: int, before: Region, after: Region, pin: Side, ends: tuple[np.ndarray, np.ndarray]
-) -> Passage | None:
+def round_edge(space: FreeSpace, obstacle: int, before: Region, after: Region, pin: Face, ends: Ends) -> Passage | None:
     """The passage around the edge between two regions that differ in the side of one obstacle.
 
-    None where the corner stays square: there is no edge between the sides, start or target (`ends`) lies between the
-    two planes, or another obstacle leaves no room for one of them.
+    None where the corner stays square: one of the sides has several faces (below a table with legs), there is no edge
+    between the two, start or target (`ends`) lies between the two planes, or another obstacle leaves no room for one
+    of them.
 
     Args:
-        pin: the side of the two on whose face the boundary is.
+        pin: the face, out of the two sides', that the boundary is on.
     """
-    first, second = (space.sides[obstacle][region.sides[obstacle]] for region in (before, after))
+    sides = [space.sides[obstacle][region.sides[obstacle]] for region in (before, after)]
+    if any(len(side.faces) != 1 for side in sides):
+        return None
+    first, second = (side.faces[0] for side in sides)
     leaving = pin is first
     other, beyond = (second, after) if leaving else (first, before)
     if not other.normal.any() or abs(pin.normal @ other.normal) > PARALLEL:
@@ -60,7 +56,8 @@ def round_edge(
         if bare.value < pin.normal @ pose[:3] < pin.value + pin.reach and holds(space, beyond, pose):
             return None
 
-    rest = [sides[i] for o, (i, sides) in enumerate(zip(before.sides, space.sides, strict=True)) if o != obstacle]
+    chosen = zip(before.sides, space.sides, strict=True)
+    rest = [around[i] for o, (i, around) in enumerate(chosen) if o != obstacle]
     low = np.max([space.lower, *(side.lower for side in rest)], axis=0)
     high = np.min([space.upper, *(side.upper for side in rest)], axis=0)
     boundaries = []
@@ -69,7 +66,7 @@ def round_edge(
             space.exact,
             (low, high),
             [
-                *((side.normal, side.value) for side in rest if side.face is not NO_ROW),
+                *((face.normal, face.value) for side in rest for face in side.faces if face.row is not NO_ROW),
                 (plane.normal, plane.value),
                 (-plane.normal, -(plane.value + plane.reach)),
                 (least.normal, least.value),
@@ -79,16 +76,17 @@ def round_edge(
             return None
         boundaries.append(Boundary(plane, tuple(box[0].tolist()), tuple(box[1].tolist())))
     faces = before.faces.copy()
-    faces[obstacle] = NO_ROW
-    planes = np.array([[*side.normal, side.value - side.least] for side in (bare, bare_other)])
+    row = sum(space.rows[:obstacle])
+    faces[row : row + space.rows[obstacle]] = NO_ROW
+    planes = np.array([[*face.normal, face.value - face.least] for face in (bare, bare_other)])
     region = Region(after.sides, low, high, faces, (), planes)
     return Passage(tuple(boundaries if leaving else reversed(boundaries)), region)
 
 
-def _without(side: Side, margin: float) -> Side:
-    """A side whose face is not enlarged by the margin."""
-    face = side.face if side.face is NO_ROW else side.face - [0.0, 0.0, 0.0, margin]
-    return side._replace(value=side.value - margin, face=face)
+def _without(face: Face, margin: float) -> Face:
+    """A face that is not enlarged by the margin."""
+    row = face.row if face.row is NO_ROW else face.row - [0.0, 0.0, 0.0, margin]
+    return face._replace(value=face.value - margin, row=row)
 
 
 def _cut(exact: bool, box: Box, planes: list[tuple[np.ndarray, float]]) -> Box | None:

@@ -10,7 +10,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.branches import branch_name, branch_rank
 from agile_jax.expert.certified import CertifiedSolver, Task, applies, make_certified_solver, solve_certified
+from agile_jax.expert.ends import check_target
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
@@ -19,17 +21,16 @@ from agile_jax.expert.regions import (
     TIGHTENING,
     FreeSpace,
     boxes_suffice,
-    check_target,
     make_free_space,
     planning_margin,
 )
 from agile_jax.expert.relevant import along, first_met, first_obstacles, with_obstacles
-from agile_jax.expert.routes import Route, RouteSearch, branch_name, branch_rank, waypoints
+from agile_jax.expert.routes import Route, RouteSearch, waypoints
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
 from agile_jax.expert.turns import split_turns
 from agile_jax.expert.verify import dense_poses, rejection, verify
-from agile_jax.scene import POSE_SIZE, Scene, planar_scene
+from agile_jax.scene import POSE_SIZE, Scene, facing, planar_scene
 
 TIE = 1e-6  # relative difference of objectives below which the fixed order of branches decides
 # Several routes can describe one path (a start that is in front of the table and beside it may leave either region
@@ -52,22 +53,24 @@ class Expert(NamedTuple):
 def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     """The expert for a scene.
 
-    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop", guess=0)` takes a pose, shape (4,),
-        and returns an `ExpertSolution`; it does not raise for a start without solution (status "failed"). `first` names
-        the rung of the ladder to begin with (ladder.py), `guess` one of its initial guesses; labels must not depend
-        on either. `check_start` refuses bad starts. With planner "2d" the
-        start's height is replaced by the target's.
+    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop", guess=0, target=None)` takes poses,
+        shape (4,), and returns an `ExpertSolution`; without `target` it leads to the scene's. It does not raise where
+        there is no solution (status "failed"). `first` names the rung of the ladder to begin with (ladder.py), `guess`
+        one of its initial guesses; labels must not depend on either. `check_start` and `check_target` refuse bad poses.
+        With planner "2d" the start's height is replaced by the target's. Where the bounds of yaw hold a full circle,
+        the path turns the shorter way, and its last yaw may differ from the target's by full turns.
 
     Raises:
         BadInput: the target keeps less than the margin.
     """
-    if settings.planner == "2d":
-        scene = planar_scene(scene)
-    check_target(scene, settings)
+    flat = settings.planner == "2d"
+    check_target(planar_scene(scene) if flat else scene, settings)
     ladder = Ladder(scene.torso_half_size, settings)
     certified: dict[str, CertifiedSolver] = {}
 
-    def fast(scene: Scene, start: np.ndarray, condition: str, space: FreeSpace, profile: Profile) -> Candidate | None:
+    def fast(
+        world: Scene, scene: Scene, start: np.ndarray, condition: str, space: FreeSpace, profile: Profile
+    ) -> Candidate | None:
         """The best of the routes that attain the lower bound; None when none of those tried does."""
         if condition not in certified:
             certified[condition] = make_certified_solver(settings, condition)
@@ -99,7 +102,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
                 least = min(least, attempt(route))
         candidates: dict[str, Candidate] = {}
         for route, trajectory, objective in found:
-            branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
+            branch = branch_name(world, trajectory.states[:, :POSE_SIZE])
             rival = candidates.get(branch)
             objective += float(trajectory.times[-1]) - profile.duration  # with the rest at both ends
             candidate = Candidate(branch, route.detours, trajectory, objective, _UNKNOWN, CERTIFIED)
@@ -113,44 +116,54 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             del candidates[best.branch]
         return None
 
-    def solve(start: Any, initial_velocity: str | None = None, first: str = "fatrop", guess: int = 0) -> ExpertSolution:
+    def solve(
+        start: Any, initial_velocity: str | None = None, first: str = "fatrop", guess: int = 0, target: Any = None
+    ) -> ExpertSolution:
         began = time.perf_counter()
         start = np.array(start, float)
-        if settings.planner == "2d":
-            start[2] = scene.target[2]
+        problem = scene if target is None else scene._replace(target=np.array(target, float))
+        if flat:
+            problem = planar_scene(problem)
+            start[2] = problem.target[2]
+        problem = facing(problem, start)
         condition = initial_velocity or settings.initial_velocity
-        chosen = first_obstacles(scene, start, planning_margin(settings))
+        chosen = first_obstacles(problem, start, planning_margin(settings))
         while True:
-            part, others = with_obstacles(scene, chosen), with_obstacles(scene, ~chosen)
-            solution = solve_among(part, others, start, condition, first, guess)
-            if isinstance(solution, np.ndarray):
-                path = solution
-            elif chosen.all() or solution.status != "solved":
-                break
-            else:
-                path = dense_poses(solution.trajectory, scheme=settings.transcription)
-            met = first_met(others, path, settings.clearance_margin)
-            if met is None and not isinstance(solution, np.ndarray):
-                residuals = verify(scene, settings, solution.trajectory, start, condition)
-                solution = solution._replace(**residuals._asdict())
-                break
-            chosen[np.flatnonzero(~chosen)[met]] = True
-        return solution._replace(solve_time_s=time.perf_counter() - began)
+            solution = solve_among(problem, chosen, start, condition, first, guess)
+            if isinstance(solution, ExpertSolution):
+                return solution._replace(solve_time_s=time.perf_counter() - began)
+            chosen = chosen | (problem.obstacle_numbers == solution)
 
     def solve_among(
-        scene: Scene, others: Scene, start: np.ndarray, condition: str, first: str, guess: int
-    ) -> ExpertSolution | np.ndarray:
-        """The solution of one start among the obstacles of a part of the scene; or the poses along the best route's
-        waypoints, (n, 4), when the general program would be needed, and these meet some of the others."""
+        world: Scene, chosen: np.ndarray, start: np.ndarray, condition: str, first: str, guess: int
+    ) -> ExpertSolution | int:
+        """The solution of one start among the chosen obstacles, (n,) bool, or the number of another one that it meets.
+
+        Where it takes the general program, its first path, or the straight lines along it, decide what it meets.
+        """
+        scene, others = with_obstacles(world, chosen), with_obstacles(world, ~chosen)
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
+
+        def met(poses: np.ndarray) -> int | None:
+            return None if chosen.all() else first_met(others, poses, settings.clearance_margin)
+
+        def met_by(candidate: Candidate) -> int | None:
+            return None if chosen.all() else met(dense_poses(candidate.trajectory, scheme=settings.transcription))
+
+        def solution(best: Candidate, solved: list[tuple[str, float]]) -> ExpertSolution | int:
+            if (other := met_by(best)) is not None:
+                return other
+            if not chosen.all():
+                best = best._replace(residuals=verify(world, settings, best.trajectory, start, condition))
+            return _solution(best, bound, solved)
+
         if applies(settings, condition):
             space = make_free_space(scene, settings, start)
-            attained = fast(scene, start, condition, space, profile)
+            attained = fast(world, scene, start, condition, space, profile)
             if attained is not None:
-                solved = [(attained.branch, attained.objective)]
-                return _solution(attained, bound, solved)
+                return solution(attained, [(attained.branch, attained.objective)])
 
         candidates: list[Candidate] = []
         least = np.inf
@@ -171,12 +184,14 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
                     break
                 if not candidates and not causes:
                     sketch = along(waypoints(route, start, scene.target))
-                    if first_met(others, sketch, settings.clearance_margin) is not None:
-                        return sketch
-                candidate = ladder.solve(scene, space, route, start, condition, profile, first, guess)
+                    if (other := met(sketch)) is not None:
+                        return other
+                candidate = ladder.solve(world, scene, space, route, start, condition, profile, first, guess)
                 if isinstance(candidate, str):
                     causes.append(f"{len(route.regions)} phases: {candidate}")
                     continue
+                if not candidates and (other := met_by(candidate)) is not None:
+                    return other
                 candidates.append(candidate)
                 least = min(least, candidate.objective)
             if not any("_violation" in cause for cause in causes):
@@ -185,7 +200,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             cause = "not solved: " + "; ".join(causes) if causes else NO_ROUTE
             return failed_solution(settings, bound, cause)
         solved = [(candidate.branch, candidate.objective) for candidate in candidates]
-        return _solution(_best(candidates, bound), bound, solved)
+        return solution(_best(candidates, bound), solved)
 
     return Expert(solve)
 

@@ -9,9 +9,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.branches import branch_name
 from agile_jax.expert.profile import Profile
 from agile_jax.expert.regions import FreeSpace
-from agile_jax.expert.routes import Route, branch_name
+from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Residuals, Trajectory
 from agile_jax.expert.verify import rejection, verify
@@ -61,6 +62,7 @@ class Ladder:
 
     def solve(
         self,
+        world: Scene,
         scene: Scene,
         space: FreeSpace,
         route: Route,
@@ -73,7 +75,8 @@ class Ladder:
         """The verified solution along a route, or why there is none.
 
         Args:
-            scene: with the target.
+            world: all obstacles, for the branch's name.
+            scene: those that the route heeds, and the target.
             space: the regions of the route.
             route: from `start` to the target.
             start: pose, shape (4,).
@@ -144,7 +147,7 @@ class Ladder:
             found = climb(RUNGS, settings.effort_weight, solved, boundaries)
             if found is not None and found[0].objective < solved.objective:
                 solved, residuals, _ = found
-        branch = branch_name(space, route, solved.trajectory.states[:, :POSE_SIZE])
+        branch = branch_name(world, solved.trajectory.states[:, :POSE_SIZE])
         method = max(used, key=RUNGS.index).name
         return Candidate(branch, route.detours, solved.trajectory, solved.objective, residuals, method)
 

@@ -12,9 +12,10 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from agile_jax.expert.minimum_time import route_bounds
-from agile_jax.expert.regions import FreeSpace, Side
+from agile_jax.expert.regions import FreeSpace
 from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.sides import Face
 
 Interval = tuple[float, float]
 NARROW = 0.01  # [rad] a turn that ends this near to a diagonal does not cross it
@@ -66,7 +67,7 @@ def _parts(
         yield route._replace(boundaries=tuple(boundaries), duration_bound=bounds[0], objective_bound=bounds[1])
 
 
-def _intervals(space: FreeSpace, pin: Side, low: float, high: float) -> list[Interval]:
+def _intervals(space: FreeSpace, pin: Face, low: float, high: float) -> list[Interval]:
     """The parts of a turn between the yaws at which the torso is widest along a pin's normal."""
     if not space.exact or not pin.normal[:2].any():
         return [(-np.inf, np.inf)]
@@ -77,7 +78,7 @@ def _intervals(space: FreeSpace, pin: Side, low: float, high: float) -> list[Int
     return list(itertools.pairwise([-np.inf, *cuts, np.inf]))
 
 
-def _turns_on(pins: Sequence[Side], chosen: Sequence[Interval], increasing: bool) -> bool:
+def _turns_on(pins: Sequence[Face], chosen: Sequence[Interval], increasing: bool) -> bool:
     """Whether a turn that does not go back can have these yaws, the same around one edge."""
     for (a, b), (before, after) in zip(itertools.pairwise(pins), itertools.pairwise(chosen), strict=True):
         if np.array_equal(a.normal, b.normal) and before != after:

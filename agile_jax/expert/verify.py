@@ -9,7 +9,7 @@ import numpy as np
 
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Residuals, Trajectory
-from agile_jax.scene import POSE_SIZE, Scene, clearance
+from agile_jax.scene import POSE_SIZE, Scene, clearance, facing
 
 DENSE = 12  # points inside every interval at which clearance is measured
 
@@ -106,12 +106,13 @@ def verify(
     """Measure how far a trajectory is from solving the problem.
 
     Args:
-        scene: obstacles, target and bounds of the pose.
+        scene: obstacles, target and bounds of the pose. Full turns of the yaw are nothing where the bounds hold them.
         settings: bounds, margin, end conditions.
         trajectory: T intervals.
         start: pose, shape (4,).
         initial_velocity: "rest" or "free"; None takes the settings'.
     """
+    scene = facing(scene, start)
     states, controls = trajectory.states, trajectory.controls
     poses, rates = states[:, :POSE_SIZE], states[:, POSE_SIZE:]
     ends = [poses[0] - start, poses[-1] - scene.target, rates[-1]]

@@ -12,11 +12,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.policy.features import pose_error
 from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.tracker import track
-from agile_jax.scene import Scene, clearance
+from agile_jax.scene import Scene, clearance, pose_error
 
 ARRIVED, COLLIDED, STALLED, LOST = range(4)
 OUTCOMES = ("arrived", "collided", "stalled", "lost")
@@ -65,7 +64,7 @@ def follow(
         jax.vmap(functools.partial(_loop, policy, narrow, dt, jnp.asarray(limit, jnp.float32), ticks), (None, 0))
     )
     poses, velocities, clearances = jax.device_get(run(params, jnp.asarray(starts, jnp.float32)))
-    error = np.asarray(pose_error(jnp.asarray(poses), jnp.asarray(scene.target, jnp.float32)))
+    error = pose_error(narrow, poses)
     distance = np.linalg.norm(error[..., :3], axis=-1)
     inside = (distance <= tolerance[0]) & (np.abs(error[..., 3]) <= tolerance[1])  # False for NaN
     last_outside = ticks - np.argmin(inside[:, ::-1], axis=1)  # index of the last tick outside

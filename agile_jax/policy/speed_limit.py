@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from agile_jax.policy.features import YAW
-from agile_jax.scene import Scene, obstacle_clearances
+from agile_jax.scene import Scene, obstacle_clearances, turns_freely, yaw_between_bounds
 
 
 def within_limits(velocity: jax.Array, velocity_limit: jax.Array) -> jax.Array:
@@ -24,7 +24,7 @@ def brake_before_obstacles(
     turning away would leave the speed for later.
 
     Args:
-        scene: n obstacles, taken one after the other.
+        scene: of n boxes, taken one after the other.
         pose, velocity, acceleration_limit: shape (4,).
         margin: [m].
     """
@@ -45,8 +45,11 @@ def brake_before_obstacles(
 def brake_before_bounds(scene: Scene, pose: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array) -> jax.Array:
     """Cut each axis's velocity to what can still be braked before the bounds of the pose. Shape (4,).
 
-    The bounds are walls as the obstacles are: below the lowest height a crouching leg has no room left.
+    The bounds are walls as the obstacles are: below the lowest height a crouching leg has no room left. Bounds of yaw
+    that hold a full circle are none (scene/heading.py).
     """
+    pose = pose.at[YAW].set(yaw_between_bounds(scene, pose[YAW], jnp))
     up = jnp.sqrt(2.0 * acceleration_limit * jnp.maximum(jnp.asarray(scene.upper) - pose, 0.0))
     down = jnp.sqrt(2.0 * acceleration_limit * jnp.maximum(pose - jnp.asarray(scene.lower), 0.0))
-    return jnp.clip(velocity, -down, up)
+    limited = jnp.clip(velocity, -down, up)
+    return limited.at[YAW].set(velocity[YAW]) if turns_freely(scene) else limited

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.dataset import Dataset, DatasetSettings, samples, split_mask
+from agile_jax.dataset import Dataset, DatasetSettings, labels_to, samples, split_mask
 from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_json
 from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, STALLED, Followed, follow
@@ -44,7 +44,7 @@ def train(
     split, from rest, with 1 / 0.92 of the labels' acceleration.
 
     Args:
-        dataset: verified trajectories.
+        dataset: verified trajectories; those to the scene's target are used.
         scene: of the labels.
         expert_settings: bounds of the labels.
         policy_settings, training_settings: what to train, and how.
@@ -57,8 +57,9 @@ def train(
         The summary.
 
     Raises:
-        BadInput: see `fit_policy`.
+        BadInput: no label leads to the scene's target; and see `fit_policy`.
     """
+    dataset = labels_to(dataset, scene.target)
     dataset_settings = dataset_settings or DatasetSettings()
     velocity_limit, acceleration_limit = np.array(expert_settings.velocity), np.array(expert_settings.acceleration)
     policy = make_policy(scene, velocity_limit, acceleration_limit, policy_settings)

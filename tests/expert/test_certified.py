@@ -184,7 +184,9 @@ def _random_pairs(count, bounds, method, nodes=100):
             condition = ("rest", "free")[k % 2]
             solution = expert.solve(start, condition)
             assert solution.status == "solved", solution.cause
-            analytic = minimum_time(np.array(target) - start, velocity, acceleration, condition).max()
+            moves = np.array(target) - start
+            moves[3] = np.arctan2(np.sin(moves[3]), np.cos(moves[3]))  # the shorter turn
+            analytic = minimum_time(moves, velocity, acceleration, condition).max()
             errors.append(abs(solution.duration / analytic - 1))
     return np.array(errors)
 

@@ -58,7 +58,19 @@ def test_footprint_range():
     assert footprint(half, (0.0, 0.0)) == pytest.approx(half[:2])
 
 
-@pytest.mark.parametrize("obstacles", [[TABLE | {"yaw": 0.5}], [TABLE, *BOXES], [TABLE]])
+LEGS = {"size": [0.9, 1.1], "leg_size": [0.05, 0.08]}
+
+
+@pytest.mark.parametrize(
+    "obstacles",
+    [
+        [TABLE | {"yaw": 0.5}],
+        [TABLE, *BOXES],
+        [TABLE],
+        [TABLE | LEGS],
+        [TABLE | LEGS | {"yaw": 2.0, "leg_inset": 0.1}, BOXES[0]],
+    ],
+)
 def test_every_free_pose_is_in_a_region_and_regions_are_free(obstacles):
     """Exact regions: what they hold keeps the margin, and every start that keeps it is held."""
     scene = make_scene(SceneSettings(obstacles=obstacles))
