@@ -131,8 +131,9 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     def solve_among(
         scene: Scene, others: Scene, start: np.ndarray, condition: str, first: str, guess: int
     ) -> ExpertSolution | np.ndarray:
-        """The solution of one start among the obstacles of a part of the scene; or the poses along the best route's
-        waypoints, (n, 4), when the general program would be needed, and these meet some of the others."""
+        """The solution of one start among the obstacles of a part of the scene; or, where that takes the general
+        program, the poses (n, 4) of its first path, or of the straight lines along it, that meets any of the others.
+        """
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
@@ -162,6 +163,9 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             if isinstance(candidate, str):
                 causes.append(f"{len(route.regions)} phases: {candidate}")
                 continue
+            path = dense_poses(candidate.trajectory, scheme=settings.transcription)
+            if not candidates and first_met(others, path, settings.clearance_margin) is not None:
+                return path
             candidates.append(candidate)
             least = min(least, candidate.objective)
         if not candidates:
