@@ -41,23 +41,29 @@ def rectangle_distance(
     Returns:
         Shape (...).
     """
-    rotation_a, rotation_b = rotation_2d(yaw_a, xp), rotation_2d(yaw_b, xp)
-    signs = xp.asarray([[1.0, 1.0], [1.0, -1.0], [-1.0, 1.0], [-1.0, -1.0]])
+    apart = center_b - center_a
+    turn = yaw_b - yaw_a
 
-    def one_way(
-        center: Array, half: Array, rotation: Array, other_center: Array, other_half: Array, other_rotation: Array
-    ) -> tuple[Array, Array]:
-        """Gap along the edge normals of the first rectangle, and distance of the other's vertices to it."""
-        vertices = other_center[..., None, :] + xp.einsum(
-            "...ij,...vj->...vi", other_rotation, signs * other_half[..., None, :]
+    def one_way(yaw: Array, half: Array, other_half: Array, sign: float) -> tuple[Array, Array]:
+        """Gap along the edge normals of one rectangle, and the squared distance of the other's vertices to it, in the
+        frame of the one, where the other is turned by sign * turn and lies in the direction sign * apart."""
+        c, s = xp.cos(yaw), xp.sin(yaw)
+        x = sign * (c * apart[..., 0] + s * apart[..., 1])
+        y = sign * (c * apart[..., 1] - s * apart[..., 0])
+        c, s = xp.cos(turn), sign * xp.sin(turn)
+        (ax, ay), (bx, by) = (half[..., 0], half[..., 1]), (other_half[..., 0], other_half[..., 1])
+        gap = xp.maximum(
+            xp.abs(x) - ax - bx * xp.abs(c) - by * xp.abs(s), xp.abs(y) - ay - bx * xp.abs(s) - by * xp.abs(c)
         )
-        local = xp.einsum("...ji,...vj->...vi", rotation, vertices - center[..., None, :])  # (..., 4, 2)
-        gap = xp.maximum(local.min(-2) - half, -half - local.max(-2)).max(-1)
-        outside = xp.maximum(xp.abs(local) - half[..., None, :], 0.0)
-        return gap, (outside**2).sum(-1).min(-1)
+        squares = []
+        for i, j in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            vx, vy = x + i * bx * c - j * by * s, y + i * bx * s + j * by * c
+            squares.append(xp.maximum(xp.abs(vx) - ax, 0.0) ** 2 + xp.maximum(xp.abs(vy) - ay, 0.0) ** 2)
+        first, second, third, fourth = squares
+        return gap, xp.minimum(xp.minimum(first, second), xp.minimum(third, fourth))
 
-    gap_a, square_a = one_way(center_a, half_a, rotation_a, center_b, half_b, rotation_b)
-    gap_b, square_b = one_way(center_b, half_b, rotation_b, center_a, half_a, rotation_a)
+    gap_a, square_a = one_way(yaw_a, half_a, half_b, 1.0)
+    gap_b, square_b = one_way(yaw_b, half_b, half_a, -1.0)
     gap = xp.maximum(gap_a, gap_b)
     square = xp.minimum(square_a, square_b)
     # The square root of a safe number keeps JAX's gradient finite where the branch is not taken.

@@ -18,7 +18,7 @@ from agile_jax.pipeline import StageResult, failures, stages_up_to, states
 from agile_jax.progress import Progress, shown
 from agile_jax.settings import BadInput
 
-Start = tuple[float, float, float, float]
+Pose = tuple[float, float, float, float]
 
 HIGHLIGHTS = {  # what a line about a stage shows of its summary
     "dataset": ("trajectories", "labels_per_second", "optimality_gap_median"),
@@ -48,8 +48,10 @@ class RunOptions:
 class PlanOptions:
     """One expert solve."""
 
-    start: Start
+    start: Pose
     """Pose x y z yaw [m, rad]."""
+    target: Pose | None = None
+    """Pose x y z yaw [m, rad]; the scene's if not given."""
     output: pathlib.Path | None = pathlib.Path("plan.png")
     """The drawing; None draws nothing."""
 
@@ -58,7 +60,7 @@ class PlanOptions:
 class RolloutOptions:
     """One closed-loop episode, run or replayed."""
 
-    start: Start | None = None
+    start: Pose | None = None
     """Pose x y z yaw [m, rad]."""
     replay: pathlib.Path | None = None
     """Show this recording instead, for example RUN_DIR/evaluation/mujoco-unstable/episode-000012.npz."""
@@ -121,7 +123,7 @@ def plan(argv: list[str]) -> int:
     from agile_jax.planning import plan as solve
 
     experiment, options = parse_experiment("plan", PlanOptions(start=tyro.MISSING), argv)
-    solution = solve(experiment, options.start, options.output)
+    solution = solve(experiment, options.start, options.output, options.target)
     if solution.status != "solved":
         print(f"no path from {list(options.start)}: {solution.cause}", file=sys.stderr)
         return FAILED

@@ -1,6 +1,6 @@
 """The dataset: verified trajectories of the expert in immutable, checked shards, split by trajectory. Loads no JAX."""
 
-from agile_jax.dataset.dataset import SPLITS, Dataset, Split, labels, load, samples, split_mask
+from agile_jax.dataset.dataset import SPLITS, Dataset, Split, labels, labels_to, load, samples, split_mask
 from agile_jax.dataset.expert_time import expert_times
 from agile_jax.dataset.generate import IncompleteDatasetError, generate
 from agile_jax.dataset.queries import Answers, ask
@@ -17,6 +17,7 @@ __all__ = [
     "expert_times",
     "generate",
     "labels",
+    "labels_to",
     "load",
     "samples",
     "split_mask",

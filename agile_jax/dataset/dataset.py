@@ -28,6 +28,7 @@ class Dataset(NamedTuple):
     states: np.ndarray  # (n, T+1, 8) [m, rad, m/s, rad/s]
     controls: np.ndarray  # (n, T, 4), or (n, T+1, 4) at the nodes [m/s^2, rad/s^2]
     starts: np.ndarray  # (n, 4) [m, rad]
+    targets: np.ndarray  # (n, 4) [m, rad]; where the yaw may go round, a trajectory may end full turns away from it
     durations: np.ndarray  # (n,) [s]
     lower_bounds: np.ndarray  # (n,) [s]
     branches: np.ndarray  # (n,) names
@@ -83,6 +84,7 @@ def load(directory: pathlib.Path) -> Dataset:
         states=whole["states"],
         controls=whole["controls"],
         starts=whole["start"],
+        targets=whole["target"],
         durations=whole["duration"],
         lower_bounds=whole["lower_bound"],
         branches=whole["branch"],
@@ -98,6 +100,24 @@ def read_manifest(directory: pathlib.Path) -> dict[str, Any] | None:
     except (OSError, ValueError):
         return None
     return manifest if isinstance(manifest, dict) and isinstance(manifest.get("shards"), list) else None
+
+
+def labels_to(dataset: Dataset, target: np.ndarray) -> Dataset:
+    """The trajectories that lead to one target, shape (4,).
+
+    Raises:
+        BadInput: there is none.
+    """
+    chosen = (dataset.targets == np.asarray(target)).all(1)
+    if not chosen.any():
+        others = np.unique(dataset.targets, axis=0).tolist()
+        raise BadInput(
+            f"no label leads to scene.target = {np.asarray(target).tolist()}, which the policy is of; they lead to "
+            f"{', '.join(map(str, others)) or 'nowhere: there are none'}; add it to expert.targets"
+        )
+    return dataset._replace(
+        **{name: value[chosen] for name, value in dataset._asdict().items() if isinstance(value, np.ndarray)}
+    )
 
 
 def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.ndarray:

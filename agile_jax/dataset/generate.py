@@ -24,14 +24,15 @@ from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.shard import SCHEMA, BadShardError, ShardTask, decode, make_shard, settings_key, shard_count
 from agile_jax.dataset.summary import summarise
 from agile_jax.engine import Engine, TaskFailure
-from agile_jax.expert import ExpertSettings, check_target
+from agile_jax.expert import ExpertSettings
+from agile_jax.expert.settings import check_scene
 from agile_jax.files import hash_json, sha256, sync_folder, write_atomic, write_json
 from agile_jax.progress import Progress, silent
-from agile_jax.scene import SceneSettings, make_scene
+from agile_jax.scene import SceneSettings
 
 UNITS = {
     "index": "of the trajectory in the order of drawing",
-    "start": "x y z yaw [m m m rad]",
+    "start, target": "x y z yaw [m m m rad]",
     "draws": "drawn, rejected for collision, rejected for bounds",
     "times": "[s]",
     "states": "x y z yaw and their rates [m m m rad, m/s m/s m/s rad/s]",
@@ -71,11 +72,11 @@ def generate(
     `functools.partial(open_engine, "local", 2)`) is opened only when a shard is missing.
 
     Raises:
-        BadInput: the target keeps less than the expert's margin.
+        BadInput: a target keeps less than the expert's margin.
         IncompleteDatasetError: tasks failed.
         OSError: the disk is full or cannot be written; what is there stays valid.
     """
-    check_target(make_scene(scene_settings), expert_settings)
+    check_scene(scene_settings, expert_settings)
     directory = pathlib.Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     key = settings_key(scene_settings, expert_settings, seed)

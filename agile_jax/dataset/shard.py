@@ -17,7 +17,7 @@ from agile_jax.expert import Expert, ExpertSettings, ExpertSolution, Residuals, 
 from agile_jax.files import hash_json
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene
 
-SCHEMA = 2
+SCHEMA = 3
 CAUSE_LENGTH, BRANCH_LENGTH, METHOD_LENGTH = 480, 48, 24
 RESIDUALS = Residuals._fields
 NUMBERS = ("duration", "lower_bound", "gap", "objective", *RESIDUALS)
@@ -55,6 +55,12 @@ def trajectory_range(settings: ExpertSettings, index: int) -> range:
     return range(index * settings.shard_size, min((index + 1) * settings.shard_size, settings.trajectories))
 
 
+def target_of(scene: SceneSettings, settings: ExpertSettings, index: int) -> np.ndarray:
+    """The target of trajectory `index`, shape (4,) [m, rad]: the settings' in turn, the scene's if they have none."""
+    targets = settings.targets or (scene.target,)
+    return np.array(targets[index % len(targets)])
+
+
 def shard_count(settings: ExpertSettings) -> int:
     """How many shards a dataset has."""
     return -(-settings.trajectories // settings.shard_size)
@@ -72,16 +78,19 @@ def make_shard(task: ShardTask) -> ShardResult:
     began = time.perf_counter()
     scene, expert = _expert(task.scene, task.expert)
     solutions: list[ExpertSolution] = []
-    starts, accounts = [], []
+    starts, targets, accounts = [], [], []
     for i in trajectory_range(task.expert, task.shard):
-        drawn = draw_start(scene, task.scene, task.expert, task.seed, i)
+        target = target_of(task.scene, task.expert, i)
+        drawn = draw_start(scene._replace(target=target), task.scene, task.expert, task.seed, i)
         starts.append(drawn.poses[0])
+        targets.append(target)
         accounts.append((drawn.attempted, drawn.rejected_collision, drawn.rejected_bounds))
-        solutions.append(expert.solve(drawn.poses[0]))
+        solutions.append(expert.solve(drawn.poses[0], target=target))
     arrays = {
         "key": np.array(settings_key(task.scene, task.expert, task.seed)),
         "index": np.array(trajectory_range(task.expert, task.shard), dtype=np.int64),
         "start": np.array(starts),
+        "target": np.array(targets),
         "draws": np.array(accounts, dtype=np.int64),
         "times": np.stack([s.trajectory.times for s in solutions]),
         "states": np.stack([s.trajectory.states for s in solutions]),
@@ -120,6 +129,7 @@ def decode(data: bytes, settings: ExpertSettings, key: str, index: int) -> dict[
         "key": ((), "U"),
         "index": ((n,), "i"),
         "start": ((n, POSE_SIZE), "f"),
+        "target": ((n, POSE_SIZE), "f"),
         "draws": ((n, 3), "i"),
         "times": ((n, t + 1), "f"),
         "states": ((n, t + 1, 2 * POSE_SIZE), "f"),

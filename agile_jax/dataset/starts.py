@@ -9,7 +9,8 @@ as the open floor. All with a spread in yaw.
 import numpy as np
 
 from agile_jax.expert import ExpertSettings, planning_margin
-from agile_jax.expert.regions import FACES
+from agile_jax.expert.empty_boxes import SIDES
+from agile_jax.expert.regions import obstacle_boxes
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, Starts, clearance, sample_starts
 from agile_jax.settings import BadInput
 
@@ -71,9 +72,10 @@ def wide_boxes(
         return [(lower, upper)]
 
     boxes = []
+    outer = [parts[0] for parts in obstacle_boxes(scene)]  # legs are within their table's outline
     grown = scene.obstacle_half_sizes + scene.torso_half_size + planning_margin(settings)
-    for center, body in zip(scene.obstacle_centers, grown, strict=True):
-        for _, axis, sign in FACES:
+    for center, body in zip(scene.obstacle_centers[outer], grown[outer], strict=True):
+        for _, axis, sign in SIDES:
             low, high = lower.copy(), upper.copy()
             reach = body[:2] + (0.0 if axis == 2 else settings.wide_padding)
             for other in {0, 1} - {axis}:

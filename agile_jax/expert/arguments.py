@@ -7,13 +7,14 @@ from typing import Any
 import numpy as np
 
 from agile_jax.expert.profile import Profile, make_grid
-from agile_jax.expert.regions import NO_ROW, Side
 from agile_jax.expert.routes import Route, waypoints
 from agile_jax.expert.schemes import LINEAR
 from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.sides import NO_ROW, Face
 from agile_jax.expert.transcription import Arguments, Program
 from agile_jax.scene import POSE_SIZE
 
+CROSSING = 0.5  # of the full speed, at which the guess goes around an edge
 SHORTEST_PHASE = 1e-3  # [s] keeps the program regular where a phase would vanish
 LONGEST_PHASE = 1e3  # [s]
 PIN_ROOM = 0.01  # [m] around a pinned value, so that its equality does not sit on a bound
@@ -22,10 +23,12 @@ LEAST_STEP = 0.05  # of the mean step: a switch nearer to another break is not m
 
 def make_arguments(
     route: Route,
+    margin: float,
     program: Program,
     start: np.ndarray,
     target: np.ndarray,
     settings: ExpertSettings,
+    weight: float,
     profile: Profile | None = None,
     slowness: float = 1.0,
     boundaries: np.ndarray | None = None,
@@ -34,19 +37,23 @@ def make_arguments(
 
     Args:
         route: from `start` to `target`.
-        program: for its number of phases.
+        margin: by which its regions' faces are enlarged [m].
+        program: for its pattern of phases.
         start, target: poses, shape (4,).
         settings: bounds.
+        weight: of the effort.
         profile: of the slowest axis. Its switches become nodes, which lets the least time be attained.
         slowness: factor on the durations of the guess, straight lines through the waypoints.
         boundaries: when the phases begin and end, shape (P+1,) [s], where the profile does not tell.
     """
     points = waypoints(route, start, target)
     velocity, acceleration = np.array(settings.velocity), np.array(settings.acceleration)
-    times = np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1) + np.max(velocity / acceleration) / 2
-    times *= slowness
+    edges = np.array(program.edges)
+    times = np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1)
+    times = slowness * np.where(edges, times / CROSSING, times + np.max(velocity / acceleration) / 2)
     linear = program.scheme in LINEAR
     unbounded = np.zeros(linear * POSE_SIZE), acceleration[: linear * POSE_SIZE]
+    anywhere = np.full(POSE_SIZE, np.inf)
     guess: list[np.ndarray] = []
     lower: list[np.ndarray] = []
     upper: list[np.ndarray] = []
@@ -60,13 +67,18 @@ def make_arguments(
             return np.hstack([np.broadcast_to(c, (rows, np.shape(c)[-1])) for c in columns])
 
         still, hardest = unbounded
-        low = stack(region.lower, -velocity, [SHORTEST_PHASE], -hardest, -acceleration)
-        high = stack(region.upper, velocity, [LONGEST_PHASE], hardest, acceleration)
-        nodes = stack(points[p] + share * move, move / times[p] / slowness, [times[p]], still, np.zeros(POSE_SIZE))
+        angles = np.array([0.0, np.pi / 4, np.pi / 2])[:, None] if edges[p] else np.empty((3, 0))
+        low = stack(-anywhere, -velocity, [-np.inf], -hardest, -acceleration, angles[0])
+        high = stack(anywhere, velocity, [np.inf], hardest, acceleration, angles[2])
+        if p == 0:
+            low[0, 2 * POSE_SIZE], high[0, 2 * POSE_SIZE] = SHORTEST_PHASE, LONGEST_PHASE
+        rate = move / times[p] / slowness
+        nodes = stack(points[p] + share * move, rate, [times[p]], still, np.zeros(POSE_SIZE), angles[1])
         if p > 0:
             before = route.regions[p - 1]
             low[0, :POSE_SIZE] = np.maximum(region.lower, before.lower)
             high[0, :POSE_SIZE] = np.minimum(region.upper, before.upper)
+            low[0, 3], high[0, 3] = route.boundaries[p - 1].lower[3], route.boundaries[p - 1].upper[3]
             _make_room(low[0], high[0], route.pins[p - 1])
         # The last node has no control; at the end of the other phases it also chooses the next duration.
         for target_list, rows, extra in (
@@ -78,13 +90,16 @@ def make_arguments(
     lower_rows, upper_rows = _row_bounds(route, program, velocity)
     fractions = _fractions(route, program, profile, settings, boundaries)
     faces = [region.faces if len(region.faces) else np.empty((0, 4)) for region in route.regions]
+    rounded = [np.append(region.edge, margin) for region in route.regions if len(region.edge)]
     parameters = np.concatenate(
         [
             start,
             target,
             *(_pin_parameters(pin) for pin in route.pins),
             *(face.ravel() if program.obstacles else np.empty(0) for face in faces),
+            *rounded,
             fractions,
+            [weight],
         ]
     )
     ends = np.concatenate(guess), np.concatenate(lower), np.concatenate(upper)
@@ -98,9 +113,9 @@ def disturbed(arguments: Arguments, seed: int) -> Arguments:
     return arguments._replace(guess=np.clip(arguments.guess + noise, arguments.lower, arguments.upper))
 
 
-def _make_room(low: np.ndarray, high: np.ndarray, pin: Side) -> None:
+def _make_room(low: np.ndarray, high: np.ndarray, pin: Face) -> None:
     """Widen the bounds of a boundary's node, in place, where the pin holds already."""
-    if pin.face is NO_ROW:
+    if pin.row is NO_ROW:
         value = pin.normal[pin.axis] * pin.value
         low[pin.axis], high[pin.axis] = value - PIN_ROOM, value + PIN_ROOM
     else:
@@ -108,33 +123,39 @@ def _make_room(low: np.ndarray, high: np.ndarray, pin: Side) -> None:
         high[:2] += PIN_ROOM
 
 
-def _pin_parameters(pin: Side) -> np.ndarray:
+def _pin_parameters(pin: Face) -> np.ndarray:
     """Normal, its direction in the plane, weight of the footprint, offset. Shape (7,)."""
-    if pin.face is NO_ROW:
+    if pin.row is NO_ROW:
         return np.array([*pin.normal, 1.0, 0.0, 0.0, pin.value])
     length = np.hypot(pin.normal[0], pin.normal[1])
-    return np.array([*pin.normal, *(pin.normal[:2] / length), length, pin.face[3]])
+    return np.array([*pin.normal, *(pin.normal[:2] / length), length, pin.row[3]])
 
 
 def _row_bounds(route: Route, program: Program, velocity: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Bounds of all rows, (m,) and (m,)."""
     firsts = np.cumsum([0, *program.intervals])[:-1]
     lower, upper = [], []
-    counter: dict[tuple[int, int], int] = {}
+    asked: dict[tuple[str, int, int], int] = {}
     for kind, node, phase, count in program.constraints:
-        if kind == "face":
-            obstacle = counter.get((node, phase), 0)
-            counter[node, phase] = obstacle + 1
-            pinned = None
-            if node in firsts[1:]:
-                pinned = route.pins[int(np.searchsorted(firsts, node)) - 1]
-            # The pin puts the torso on this very face.
-            slack = float(pinned is not None and np.array_equal(pinned.face, route.regions[phase].faces[obstacle]))
-            lower += [-slack] * count
+        if kind in ("face", "touch"):
+            obstacle = asked.get((kind, node, phase), 0)
+            asked[kind, node, phase] = obstacle + 1
+            face = route.regions[phase].faces[obstacle % program.obstacles]
+            slack = 0.0
+            if kind == "touch":  # the pin may put the torso on this very face
+                pin = route.pins[int(np.searchsorted(firsts, node)) - 1]
+                slack = float(np.array_equal(pin.row, face))
+            lower += [-slack if face[:3].any() else -np.inf] * count
+            upper += [np.inf] * count
+        elif kind == "edge":
+            lower += [0.0] * count
             upper += [np.inf] * count
         elif kind == "rate":
             lower += [*-velocity]
             upper += [*velocity]
+        elif kind == "pose":
+            lower += [*route.regions[phase].lower]
+            upper += [*route.regions[phase].upper]
         elif kind == "speed":
             lower.append(-np.inf)
             upper.append(1.0)

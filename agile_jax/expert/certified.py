@@ -12,8 +12,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.axis_program import AxisGrid, AxisSolver, make_axis_grid, solve_axis
-from agile_jax.expert.minimum_time import minimum_time
+from agile_jax.expert.axis_program import AxisSolver, Bounds, make_axis_grid, solve_axes
+from agile_jax.expert.effort_bound import effort_bound
+from agile_jax.expert.minimum_time import boundary_times
 from agile_jax.expert.profile import Profile, make_grid
 from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
@@ -22,9 +23,11 @@ from agile_jax.scene import POSE_SIZE
 
 SHORTEST_DURATION = 1e-2  # [s] below it the program is badly scaled, and nobody needs a fast path
 SAME_TIME = 1e-7  # [s] within which a node counts for both phases that meet there
-SCAN, SECTIONS = 5, 7  # evaluations of the search for the time of one boundary
-HOPELESS = 1.3  # golden sections around the best of the scan do not lower the effort by this factor
-GOLDEN = (5**0.5 - 1) / 2
+SAMPLES = 24  # of a boundary's time at which its effort is bounded
+EVALUATIONS = 6  # more of the effort, in the search for that time
+STEP, EDGE = 0.06, 2e-3  # first step of the search and its resolution, relative to what the time may be
+HOPELESS = 1.2  # the search around the first guess does not lower the effort by this factor
+ORDER = (2, 0, 1, 3)  # of the axes: the height is what most often has too little time, it decides first
 
 
 class CertifiedSolver(NamedTuple):
@@ -33,159 +36,199 @@ class CertifiedSolver(NamedTuple):
     settings: ExpertSettings
     initial_velocity: str
     axis_solver: AxisSolver
+    velocity: np.ndarray  # (4,) bounds
+    acceleration: np.ndarray  # (4,)
+
+
+class Task(NamedTuple):
+    """One route for one start."""
+
+    solver: CertifiedSolver
+    route: Route
+    profile: Profile  # of the slowest axis, `slowest_axis` of start and target
+    start: np.ndarray  # (4,) pose
+    target: np.ndarray  # (4,)
 
 
 def make_certified_solver(settings: ExpertSettings, initial_velocity: str) -> CertifiedSolver:
     """Build the solver for one initial condition."""
-    return CertifiedSolver(settings, initial_velocity, AxisSolver(settings.nodes, initial_velocity))
+    intervals = settings.nodes - 2 * settings.zero_end_controls
+    axis_solver = AxisSolver(intervals, initial_velocity)
+    return CertifiedSolver(
+        settings, initial_velocity, axis_solver, np.array(settings.velocity), np.array(settings.acceleration)
+    )
 
 
-def applies(settings: ExpertSettings) -> bool:
+def applies(settings: ExpertSettings, initial_velocity: str) -> bool:
     """Whether the settings allow the lower bound to be attained by axes that are independent of each other."""
     return (
         settings.method == "auto"
         and settings.transcription == "zoh"
         and settings.velocity_bound == "axis"
-        and not settings.zero_end_controls
+        and (initial_velocity == "rest" or not settings.zero_end_controls)
     )
 
 
-def solve_certified(
-    solver: CertifiedSolver,
-    route: Route,
-    profile: Profile,
-    start: np.ndarray,
-    target: np.ndarray,
-    rival: float = np.inf,
-) -> tuple[Trajectory, float] | None:
+def solve_certified(task: Task, rival: float = np.inf) -> tuple[Trajectory, float] | None:
     """The trajectory along a route that takes the lower bound's time with the least effort, and that effort [s].
 
-    None when the route does not allow it, or has more than one boundary on other axes than the slowest. The time of
-    one such boundary is found by a search in one variable: a scan, then golden sections. It depends on no guess.
-
-    Args:
-        solver: of `make_certified_solver`.
-        route: from `start` to `target`.
-        profile: `slowest_axis` of start and target.
-        start, target: poses, shape (4,).
-        rival: an effort that is already had; a search whose scan stays well above it is given up.
+    None when the route does not allow it, has more than one boundary on other axes than the slowest, or has more
+    effort than `rival`, which is already had. The time of one such boundary is found by a search in one variable; it
+    depends on no guess. The paper's u_0 = u_N = 0 adds an interval of rest at either end, as long as the others are in
+    the mean.
     """
-    settings = solver.settings
+    solver, route, profile, start, target = task
     if profile.duration < SHORTEST_DURATION:
         return None
-    values = [pin.normal[pin.axis] * pin.value for pin in route.pins]
-    crossings = [profile.time_at(value) for value in values]
+    crossings: list[float] = [profile.time_at(pin.normal[pin.axis] * pin.value) for pin in route.pins]
     unknown = [p for p, pin in enumerate(route.pins) if pin.axis != profile.axis]
-    if not unknown:
-        return _solve_at(solver, route, profile, start, target, crossings)
     if len(unknown) > 1:
         return None
+    boxes = [(boundary.lower, boundary.upper) for boundary in route.boundaries]
+    before, after = boundary_times(start.tolist(), boxes, target.tolist(), solver.settings, solver.initial_velocity)
+    ends = [0.0, *crossings, profile.duration]
+    for p in unknown:
+        within = sorted(profile.time_at(box[profile.axis]) for box in boxes[p])
+        low, high = max(ends[p], before[p], within[0]), min(ends[p + 2], profile.duration - after[p], within[1])
+        if low >= high:
+            return None
+    for p, time in enumerate(crossings):
+        if p not in unknown and not before[p] - SAME_TIME <= time <= profile.duration - after[p] + SAME_TIME:
+            return None
+    if not unknown:
+        if any(b < a for a, b in itertools.pairwise(crossings)):
+            return None
+        if boxes and rival < np.inf and _effort_bound(task, crossings)[0] > rival:
+            return None
+        return _solve_at(task, crossings)
 
     p = unknown[0]
-    before = crossings[p - 1] if p > 0 else 0.0
-    after = crossings[p + 1] if p + 1 < len(crossings) else profile.duration
-    # The pinned axis itself needs its time to get there, and from there to rest at the target.
-    axis, velocity, acceleration = route.pins[p].axis, settings.velocity, settings.acceleration
-    before = max(before, abs(values[p] - start[axis]) / velocity[axis])
-    needed = minimum_time(target[axis] - values[p], velocity[axis], acceleration[axis], "free")
-    after = min(after, profile.duration - float(needed))
-    if before >= after:
+    times = low + (high - low) * (np.arange(SAMPLES) + 0.5) / SAMPLES
+    bounds = _effort_bound(task, [*crossings[:p], times, *crossings[p + 1 :]])
+    if bounds.min() > rival:
         return None
 
     def at(time: float) -> tuple[Trajectory, float] | None:
-        crossings[p] = time
-        return _solve_at(solver, route, profile, start, target, crossings)
+        return _solve_at(task, [*crossings[:p], time, *crossings[p + 1 :]])
 
-    return _search(at, before, after, rival)
+    best = float(times[np.argmin(bounds)])
+    others = sorted(times[SAMPLES // 10 :: SAMPLES // 5].tolist(), key=lambda time: abs(time - best))
+    return _search(at, low, high, [best, *others], rival)
+
+
+def _effort_bound(task: Task, crossings: Sequence[float | np.ndarray]) -> np.ndarray:
+    """Lower bound of the effort when the boundaries are crossed at given times, for m choices of these, shape (m,)."""
+    solver, route, profile, start, target = task
+    others = [i for i in range(POSE_SIZE) if i != profile.axis]
+    size = max(np.size(time) for time in crossings)
+    lower = [np.array(boundary.lower)[others, None] for boundary in route.boundaries]
+    upper = [np.array(boundary.upper)[others, None] for boundary in route.boundaries]
+    times = [np.broadcast_to(time, size) for time in crossings]
+    ends = start[others, None], target[others, None]
+    energy = effort_bound(*ends, profile.duration, times, lower, upper, solver.initial_velocity)
+    return np.asarray(profile.effort + solver.acceleration[others] ** -2.0 @ energy)
 
 
 def _search(
-    at: Callable[[float], tuple[Trajectory, float] | None], low: float, high: float, rival: float
+    at: Callable[[float], tuple[Trajectory, float] | None],
+    low: float,
+    high: float,
+    guesses: Sequence[float],
+    rival: float,
 ) -> tuple[Trajectory, float] | None:
-    """The least effort over a time in (low, high); None when all that were tried are infeasible."""
-    scan = np.linspace(low, high, SCAN + 2)
-    results = [None, *(at(float(time)) for time in scan[1:-1]), None]
-    efforts = [np.inf if result is None else result[1] for result in results]
-    k = int(np.argmin(efforts))
-    if not np.isfinite(efforts[k]) or efforts[k] > HOPELESS * rival:
+    """The least effort over a time in (low, high), from the first guess that is feasible; None when there is none.
+
+    Successive parabolic interpolation: the effort is a smooth function of the time, and its bound has led near its
+    least. Given up when the first effort is well above `rival`.
+    """
+    for x in guesses:
+        best = at(x)
+        if best is not None:
+            break
+    if best is None or best[1] > HOPELESS * rival:
         return None
-    best = results[k]
-    a, b = float(scan[k - 1]), float(scan[k + 1])
-    inner = [b - GOLDEN * (b - a), a + GOLDEN * (b - a)]
-    found = [at(time) for time in inner]
-    for _ in range(SECTIONS):
-        values = [np.inf if result is None else result[1] for result in found]
-        for result in found:
-            if result is not None and (best is None or result[1] < best[1]):
-                best = result
-        if not np.isfinite(values).any():  # what is feasible is around the best of the scan
-            middle = float(scan[k])
-            a, b = (a + middle) / 2, (b + middle) / 2
-            inner = [b - GOLDEN * (b - a), a + GOLDEN * (b - a)]
-            found = [at(time) for time in inner]
-        elif values[0] <= values[1]:
-            b, inner = inner[1], [inner[1] - GOLDEN * (inner[1] - a), inner[0]]
-            found = [at(inner[0]), found[0]]
-        else:
-            a, inner = inner[0], [inner[1], inner[0] + GOLDEN * (b - inner[0])]
-            found = [found[1], at(inner[1])]
+    least, step = best[1], STEP * (high - low)
+    edge = EDGE * (high - low)
+    tried = {x: least}  # time: effort
+    for _ in range(EVALUATIONS):
+        time = _next_time(tried, low, high, step)
+        time = min(max(time, low + edge), high - edge)
+        if min(abs(time - known) for known in tried) < edge:
+            break
+        found = at(time)
+        if found is None:  # what is feasible is on the side of the best
+            low, high = (time, high) if time < x else (low, time)
+            step /= 4
+            continue
+        tried[time] = found[1]
+        if found[1] < least:
+            x, best, least = time, found, found[1]
     return best
 
 
-def _solve_at(
-    solver: CertifiedSolver,
-    route: Route,
-    profile: Profile,
-    start: np.ndarray,
-    target: np.ndarray,
-    crossings: Sequence[float],
-) -> tuple[Trajectory, float] | None:
+def _next_time(tried: dict[float, float], low: float, high: float, step: float) -> float:
+    """Where to look after some times have been tried: the vertex of the parabola through the best three."""
+    ranked = sorted(tried, key=tried.__getitem__)
+    a = ranked[0]
+    if len(ranked) == 1:
+        return a + step if a + step < high else a - step
+    b = ranked[1]
+    if len(ranked) == 2:
+        return a + np.copysign(step, a - b)
+    c = ranked[2]
+    slope_b, slope_c = (tried[b] - tried[a]) / (b - a), (tried[c] - tried[a]) / (c - a)
+    curvature = (slope_b - slope_c) / (b - c)
+    if curvature <= 0:
+        return a + 2 * np.copysign(step, a - b)
+    return float((a + b - slope_b / curvature) / 2)
+
+
+def _solve_at(task: Task, crossings: Sequence[float]) -> tuple[Trajectory, float] | None:
     """`solve_certified` for boundaries that are crossed at given times."""
+    solver, route, profile, start, target = task
     settings, axis = solver.settings, profile.axis
-    if any(b < a for a, b in itertools.pairwise(crossings)):
-        return None
-    times = make_grid([*crossings, *profile.switches], profile.duration, settings.nodes)
+    padding = 1 if settings.zero_end_controls else 0
+    times = make_grid([*crossings, *profile.switches], profile.duration, settings.nodes - 2 * padding)
     if times is None:
         return None
-
-    lower = np.full((len(times), POSE_SIZE), -np.inf)
-    upper = np.full((len(times), POSE_SIZE), np.inf)
-    for region, begin, end in zip(route.regions, [0.0, *crossings], [*crossings, profile.duration], strict=True):
-        phase = (times >= begin - SAME_TIME) & (times <= end + SAME_TIME)
-        lower[phase], upper[phase] = np.maximum(lower[phase], region.lower), np.minimum(upper[phase], region.upper)
-    for pin, time in zip(route.pins, crossings, strict=True):
-        if pin.axis != axis:
-            node = int(np.argmin(np.abs(times - time)))
-            lower[node, pin.axis] = upper[node, pin.axis] = pin.normal[pin.axis] * pin.value
-
     position, rate, control = profile.states(times)
+
+    lower = np.empty((len(times), POSE_SIZE))
+    upper = np.empty((len(times), POSE_SIZE))
+    nodes = [0, *(int(np.searchsorted(times, time - SAME_TIME)) for time in crossings), len(times) - 1]
+    for p, region in enumerate(route.regions):
+        lower[nodes[p] : nodes[p + 1] + 1], upper[nodes[p] : nodes[p + 1] + 1] = region.lower, region.upper
+    for p, (boundary, node) in enumerate(zip(route.boundaries, nodes[1:-1], strict=True)):
+        # A node counts for all regions that meet there.
+        lower[node] = np.maximum(lower[node], route.regions[p].lower)
+        upper[node] = np.minimum(upper[node], route.regions[p].upper)
+        pin = boundary.pin
+        if pin.axis != axis:
+            lower[node, pin.axis] = upper[node, pin.axis] = pin.normal[pin.axis] * pin.value
     if (position < lower[:, axis] - SAME_TIME).any() or (position > upper[:, axis] + SAME_TIME).any():
         return None
-    grid = make_axis_grid(times, solver.initial_velocity)
-    solver.axis_solver.load(grid)
-    controls = np.empty((settings.nodes, POSE_SIZE))
-    controls[:, axis] = control
-    # The height is what most often has too little time: it decides first.
-    for i in sorted({*range(POSE_SIZE)} - {axis}, key=lambda i: i != 2):
-        found = solve_axis(
-            grid,
-            solver.axis_solver,
-            (start[i], target[i]),
-            settings.velocity[i],
-            settings.acceleration[i],
-            lower[1:, i],
-            upper[1:, i],
-        )
-        if found is None:
-            return None
-        controls[:, i] = found
-    states = _states(grid, controls, start)
+
+    others = [i for i in ORDER if i != axis]
+    bounds = Bounds(solver.velocity[others], solver.acceleration[others], lower[:, others], upper[:, others])
+    grid = make_axis_grid(times)
+    motion = solve_axes(grid, solver.axis_solver, start[others], target[others], bounds)
+    if motion is None:
+        return None
+    states, controls = np.empty((len(times), 2 * POSE_SIZE)), np.empty((len(times) - 1, POSE_SIZE))
+    states[:, others], states[:, [POSE_SIZE + i for i in others]] = motion.positions, motion.rates
     states[:, axis], states[:, POSE_SIZE + axis] = position, rate
-    effort = float(grid.steps @ ((controls / np.array(settings.acceleration)) ** 2).sum(1))
-    return Trajectory(times, states, controls), effort
+    controls[:, others], controls[:, axis] = motion.controls, control
+    effort = float(grid.steps @ ((controls / solver.acceleration) ** 2).sum(1))
+    trajectory = Trajectory(times, states, controls)
+    return (_with_rest(trajectory) if padding else trajectory), effort
 
 
-def _states(grid: AxisGrid, controls: np.ndarray, start: np.ndarray) -> np.ndarray:
-    """States (N+1, 8) that the controls lead to."""
-    weighted = controls * grid.roots[:, None]
-    return np.hstack([start + grid.positions @ weighted, grid.rates @ weighted])
+def _with_rest(trajectory: Trajectory) -> Trajectory:
+    """The same between two intervals of rest, each as long as the others in the mean."""
+    times, states, controls = trajectory
+    wait = times[-1] / len(controls)
+    padded = np.concatenate([[0.0], times + wait, times[-1:] + 2 * wait])
+    still = np.zeros((1, POSE_SIZE))
+    return Trajectory(
+        padded, np.concatenate([states[:1], states, states[-1:]]), np.concatenate([still, controls, still])
+    )

@@ -10,22 +10,34 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.certified import CertifiedSolver, applies, make_certified_solver, solve_certified
+from agile_jax.expert.branches import branch_name, branch_rank
+from agile_jax.expert.certified import CertifiedSolver, Task, applies, make_certified_solver, solve_certified
+from agile_jax.expert.ends import check_target
 from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import FreeSpace, boxes_suffice, check_target, make_free_space
-from agile_jax.expert.routes import Route, branch_name, branch_rank, find_routes
+from agile_jax.expert.regions import (
+    ROUNDING_ERRORS,
+    TIGHTENING,
+    FreeSpace,
+    boxes_suffice,
+    make_free_space,
+    planning_margin,
+)
+from agile_jax.expert.relevant import along, first_met, first_obstacles, with_obstacles
+from agile_jax.expert.routes import Route, RouteSearch, waypoints
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
-from agile_jax.expert.verify import rejection, verify
-from agile_jax.scene import POSE_SIZE, Scene, planar_scene
+from agile_jax.expert.turns import split_turns
+from agile_jax.expert.verify import dense_poses, rejection, verify
+from agile_jax.scene import POSE_SIZE, Scene, facing, planar_scene
 
 TIE = 1e-6  # relative difference of objectives below which the fixed order of branches decides
 # Several routes can describe one path (a start that is in front of the table and beside it may leave either region
 # first). Their objectives then differ by the placing of the nodes alone, and the route pinned along the main motion
 # is the better conditioned one.
 GRID = 5e-4  # relative
+FAST_ROUTES = 200  # looked at by the fast path at most
 ATTAINED = 1e-4  # relative excess over the lower bound below which a duration is the least
 NO_ROUTE = "no route: start or target is not free, or nothing connects them"
 SHORTEST = 0.1  # [s] the least duration by which the gap is made relative
@@ -41,22 +53,24 @@ class Expert(NamedTuple):
 def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     """The expert for a scene.
 
-    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop", guess=0)` takes a pose, shape (4,),
-        and returns an `ExpertSolution`; it does not raise for a start without solution (status "failed"). `first` names
-        the rung of the ladder to begin with (ladder.py), `guess` one of its initial guesses; labels must not depend
-        on either. `check_start` refuses bad starts. With planner "2d" the
-        start's height is replaced by the target's.
+    Returns: Expert whose `solve(start, initial_velocity=None, first="fatrop", guess=0, target=None)` takes poses,
+        shape (4,), and returns an `ExpertSolution`; without `target` it leads to the scene's. It does not raise where
+        there is no solution (status "failed"). `first` names the rung of the ladder to begin with (ladder.py), `guess`
+        one of its initial guesses; labels must not depend on either. `check_start` and `check_target` refuse bad poses.
+        With planner "2d" the start's height is replaced by the target's. Where the bounds of yaw hold a full circle,
+        the path turns the shorter way, and its last yaw may differ from the target's by full turns.
 
     Raises:
         BadInput: the target keeps less than the margin.
     """
-    if settings.planner == "2d":
-        scene = planar_scene(scene)
-    check_target(scene, settings)
-    ladder = Ladder(scene, settings)
+    flat = settings.planner == "2d"
+    check_target(planar_scene(scene) if flat else scene, settings)
+    ladder = Ladder(scene.torso_half_size, settings)
     certified: dict[str, CertifiedSolver] = {}
 
-    def fast(start: np.ndarray, condition: str, space: FreeSpace, profile: Profile) -> Candidate | None:
+    def fast(
+        world: Scene, scene: Scene, start: np.ndarray, condition: str, space: FreeSpace, profile: Profile
+    ) -> Candidate | None:
         """The best of the routes that attain the lower bound; None when none of those tried does."""
         if condition not in certified:
             certified[condition] = make_certified_solver(settings, condition)
@@ -65,8 +79,8 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         detours: list[Route] = []  # they need a search each, so that the others go first
 
         def attempt(route: Route) -> float:
-            rival = (least - profile.duration) / settings.effort_weight
-            attained = solve_certified(certified[condition], route, profile, start, scene.target, rival)
+            rival = (least * (1 + TIE) - profile.duration) / settings.effort_weight
+            attained = solve_certified(Task(certified[condition], route, profile, start, scene.target), rival)
             if attained is None:
                 return np.inf
             trajectory, effort = attained
@@ -74,11 +88,11 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             found.append((route, trajectory, objective))
             return objective
 
-        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
-            if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
+        search = RouteSearch(space, start, scene.target, settings, condition, profile)
+        for _ in range(FAST_ROUTES):
+            route = search.next(least * (1 + TIE))
+            if route is None:
                 break
-            if route.duration_bound > profile.duration * (1 + TIE):
-                continue
             if any(pin.axis != profile.axis for pin in route.pins):
                 detours.append(route)
             else:
@@ -88,10 +102,11 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
                 least = min(least, attempt(route))
         candidates: dict[str, Candidate] = {}
         for route, trajectory, objective in found:
-            branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
+            branch = branch_name(world, trajectory.states[:, :POSE_SIZE])
             rival = candidates.get(branch)
+            objective += float(trajectory.times[-1]) - profile.duration  # with the rest at both ends
             candidate = Candidate(branch, route.detours, trajectory, objective, _UNKNOWN, CERTIFIED)
-            if rival is None or _better(candidate, rival):
+            if rival is None or _better(candidate, rival, TIE):
                 candidates[branch] = candidate
         while candidates:
             best = _choose(list(candidates.values()))
@@ -101,43 +116,91 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             del candidates[best.branch]
         return None
 
-    def solve(start: Any, initial_velocity: str | None = None, first: str = "fatrop", guess: int = 0) -> ExpertSolution:
+    def solve(
+        start: Any, initial_velocity: str | None = None, first: str = "fatrop", guess: int = 0, target: Any = None
+    ) -> ExpertSolution:
         began = time.perf_counter()
         start = np.array(start, float)
-        if settings.planner == "2d":
-            start[2] = scene.target[2]
+        problem = scene if target is None else scene._replace(target=np.array(target, float))
+        if flat:
+            problem = planar_scene(problem)
+            start[2] = problem.target[2]
+        problem = facing(problem, start)
         condition = initial_velocity or settings.initial_velocity
+        chosen = first_obstacles(problem, start, planning_margin(settings))
+        while True:
+            solution = solve_among(problem, chosen, start, condition, first, guess)
+            if isinstance(solution, ExpertSolution):
+                return solution._replace(solve_time_s=time.perf_counter() - began)
+            chosen = chosen | (problem.obstacle_numbers == solution)
+
+    def solve_among(
+        world: Scene, chosen: np.ndarray, start: np.ndarray, condition: str, first: str, guess: int
+    ) -> ExpertSolution | int:
+        """The solution of one start among the chosen obstacles, (n,) bool, or the number of another one that it meets.
+
+        Where it takes the general program, its first path, or the straight lines along it, decide what it meets.
+        """
+        scene, others = with_obstacles(world, chosen), with_obstacles(world, ~chosen)
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
-        space: FreeSpace | None = None
-        if applies(settings):
+
+        def met(poses: np.ndarray) -> int | None:
+            return None if chosen.all() else first_met(others, poses, settings.clearance_margin)
+
+        def met_by(candidate: Candidate) -> int | None:
+            return None if chosen.all() else met(dense_poses(candidate.trajectory, scheme=settings.transcription))
+
+        def solution(best: Candidate, solved: list[tuple[str, float]]) -> ExpertSolution | int:
+            if (other := met_by(best)) is not None:
+                return other
+            if not chosen.all():
+                best = best._replace(residuals=verify(world, settings, best.trajectory, start, condition))
+            return _solution(best, bound, solved)
+
+        if applies(settings, condition):
             space = make_free_space(scene, settings, start)
-            attained = fast(start, condition, space, profile)
+            attained = fast(world, scene, start, condition, space, profile)
             if attained is not None:
-                solved = [(attained.branch, attained.objective)]
-                return _solution(attained, bound, solved, time.perf_counter() - began)
-        if space is None or not boxes:
-            space = make_free_space(scene, settings, start, exact=not boxes)
+                return solution(attained, [(attained.branch, attained.objective)])
 
         candidates: list[Candidate] = []
         least = np.inf
         causes: list[str] = []
-        for tried, route in enumerate(find_routes(space, start, scene.target, settings, condition)):
-            if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
+
+        def most() -> float:
+            return least * (1 + TIE)
+
+        rounded = settings.edges == "rounded"
+        # The larger reserve is for what leaves its bounds between nodes, and makes square edges those of the fast path.
+        for reserve in (ROUNDING_ERRORS, TIGHTENING) if rounded else (TIGHTENING,):
+            space = make_free_space(scene, settings, start, not boxes, reserve)
+            search = RouteSearch(space, start, scene.target, settings, condition, rounded=rounded)
+            routes = search.routes(most)
+            causes.clear()
+            for tried, route in enumerate(split_turns(space, routes, start, scene.target, settings, condition)):
+                if tried == settings.max_routes or route.objective_bound > most():
+                    break
+                if not candidates and not causes:
+                    sketch = along(waypoints(route, start, scene.target))
+                    if (other := met(sketch)) is not None:
+                        return other
+                candidate = ladder.solve(world, scene, space, route, start, condition, profile, first, guess)
+                if isinstance(candidate, str):
+                    causes.append(f"{len(route.regions)} phases: {candidate}")
+                    continue
+                if not candidates and (other := met_by(candidate)) is not None:
+                    return other
+                candidates.append(candidate)
+                least = min(least, candidate.objective)
+            if not any("_violation" in cause for cause in causes):
                 break
-            candidate = ladder.solve(space, route, start, condition, profile, first, guess)
-            if isinstance(candidate, str):
-                causes.append(f"{len(route.regions)} phases: {candidate}")
-                continue
-            candidates.append(candidate)
-            least = min(least, candidate.objective)
-        seconds = time.perf_counter() - began
         if not candidates:
             cause = "not solved: " + "; ".join(causes) if causes else NO_ROUTE
-            return failed_solution(settings, bound, cause, seconds)
+            return failed_solution(settings, bound, cause)
         solved = [(candidate.branch, candidate.objective) for candidate in candidates]
-        return _solution(_best(candidates, bound), bound, solved, seconds)
+        return solution(_best(candidates, bound), solved)
 
     return Expert(solve)
 
@@ -156,7 +219,7 @@ def _best(candidates: list[Candidate], bound: float) -> Candidate:
     return _choose(list(by_branch.values()))
 
 
-def _solution(best: Candidate, bound: float, solved: list[tuple[str, float]], seconds: float) -> ExpertSolution:
+def _solution(best: Candidate, bound: float, solved: list[tuple[str, float]]) -> ExpertSolution:
     duration = float(best.trajectory.times[-1])
     return ExpertSolution(
         trajectory=best.trajectory,
@@ -170,11 +233,11 @@ def _solution(best: Candidate, bound: float, solved: list[tuple[str, float]], se
         **best.residuals._asdict(),
         method=best.method,
         routes=tuple(solved),
-        solve_time_s=seconds,
+        solve_time_s=0.0,
     )
 
 
-def failed_solution(settings: ExpertSettings, bound: float, cause: str, seconds: float) -> ExpertSolution:
+def failed_solution(settings: ExpertSettings, bound: float, cause: str) -> ExpertSolution:
     """A solution without trajectory, that says why."""
     empty = Trajectory(
         np.zeros(settings.nodes + 1),
@@ -182,12 +245,12 @@ def failed_solution(settings: ExpertSettings, bound: float, cause: str, seconds:
         np.zeros((settings.nodes + (settings.transcription != "zoh"), POSE_SIZE)),
     )
     zeros = Residuals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return ExpertSolution(empty, 0.0, bound, 0.0, "", 0.0, "failed", cause, *zeros, "", (), seconds)
+    return ExpertSolution(empty, 0.0, bound, 0.0, "", 0.0, "failed", cause, *zeros, "", (), 0.0)
 
 
-def _better(candidate: Candidate, rival: Candidate) -> bool:
+def _better(candidate: Candidate, rival: Candidate, grid: float = GRID) -> bool:
     """Whether a candidate describes their common branch better."""
-    if abs(candidate.objective - rival.objective) <= GRID * rival.objective and candidate.detours != rival.detours:
+    if abs(candidate.objective - rival.objective) <= grid * rival.objective and candidate.detours != rival.detours:
         return candidate.detours < rival.detours
     return candidate.objective < rival.objective
 

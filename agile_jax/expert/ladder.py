@@ -4,22 +4,24 @@ A label that all rungs fail on is kept as failed, with the cause of each. The ru
 it, so that what the ladder rescues is counted.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.branches import branch_name
 from agile_jax.expert.profile import Profile
 from agile_jax.expert.regions import FreeSpace
-from agile_jax.expert.routes import Route, branch_name
+from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Residuals, Trajectory
 from agile_jax.expert.verify import rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene
 
-FEWEST_INTERVALS = 4  # in a phase
-REFINEMENTS = 1  # of the time grid
+FEWEST_INTERVALS = 4  # in a phase around no edge
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
-SETTLED = 1e-6  # [s] of the objective, the least gain that is worth another refinement
+MOST_PROGRAMS = 8  # kept: each takes 10 to 20 MB, so that they bound the memory of a worker
+SMOOTH = 10  # factor on the weight of the effort, from which a route with detours is approached
 CERTIFIED = "certified"  # the method of labels from the fast path
 
 
@@ -52,14 +54,16 @@ class Candidate(NamedTuple):
 
 
 class Ladder:
-    """The general programs of one scene, each built when it is first needed. They hold no state between calls."""
+    """The general programs for one torso, each built when it is first needed. They hold no state between calls."""
 
-    def __init__(self, scene: Scene, settings: ExpertSettings) -> None:
-        self._scene, self._settings = scene, settings
-        self._programs: dict[tuple[int, str, str, int], Any] = {}
+    def __init__(self, torso_half_size: np.ndarray, settings: ExpertSettings) -> None:
+        self._torso_half_size, self._settings = torso_half_size, settings
+        self._programs: dict[tuple[tuple[bool, ...], str, str, int], Any] = {}
 
     def solve(
         self,
+        world: Scene,
+        scene: Scene,
         space: FreeSpace,
         route: Route,
         start: np.ndarray,
@@ -71,8 +75,10 @@ class Ladder:
         """The verified solution along a route, or why there is none.
 
         Args:
+            world: all obstacles, for the branch's name.
+            scene: those that the route heeds, and the target.
             space: the regions of the route.
-            route: from `start` to the scene's target.
+            route: from `start` to the target.
             start: pose, shape (4,).
             initial_velocity: "rest" or "free".
             profile: of the slowest axis.
@@ -80,50 +86,80 @@ class Ladder:
             guess: 0 for the usual initial guess; other numbers disturb it, each in its own way.
         """
         from agile_jax.expert.arguments import disturbed, make_arguments
-        from agile_jax.expert.transcription import solve_program
+        from agile_jax.expert.transcription import Solved, solve_program, split_nodes
 
-        scene, settings = self._scene, self._settings
-        phases = len(route.regions)
-        if settings.nodes < FEWEST_INTERVALS * phases:
-            return f"{settings.nodes} nodes are too few for {phases} phases"
-        begin = [rung.name for rung in RUNGS].index(first)
-        causes = []
-        for rung in RUNGS[begin:] + RUNGS[:begin]:
-            program = self._program(phases, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
-            best: Candidate | None = None
-            boundaries = None
-            for _ in range(1 + REFINEMENTS):
+        settings = self._settings
+        edges = tuple(len(region.edge) > 0 for region in route.regions)
+        if split_nodes(settings.nodes, edges)[-1] < FEWEST_INTERVALS:  # the last phase is around no edge
+            return f"{settings.nodes} nodes are too few for {len(edges)} phases"
+        obstacles = len(route.regions[0].faces) if space.exact else 0
+        causes: list[str] = []
+
+        def climb(
+            rungs: Sequence[Rung], weight: float, near: Solved | None = None, boundaries: np.ndarray | None = None
+        ) -> tuple[Solved, Residuals, Rung] | None:
+            """The first rung's solution that is good, from the guess or from another solution."""
+            for rung in rungs:
+                program = self._program(edges, initial_velocity, rung.solver, obstacles)
                 arguments = make_arguments(
-                    route, program, start, scene.target, settings, profile, rung.slowness, boundaries
+                    route,
+                    space.margin,
+                    program,
+                    start,
+                    scene.target,
+                    settings,
+                    weight,
+                    profile,
+                    rung.slowness,
+                    boundaries,
                 )
-                if guess:
+                if near is not None:
+                    arguments = arguments._replace(guess=near.variables)
+                elif guess:
                     arguments = disturbed(arguments, guess)
-                trajectory, objective, success, status = solve_program(program, arguments)
-                residuals = verify(scene, settings, trajectory, start, initial_velocity)
-                cause = rejection(residuals)
-                if not success or cause:
-                    causes.append(f"{rung.name}: " + (cause if success else f"status {status}"))
-                    break
-                gained = np.inf if best is None else best.objective - objective
-                if gained > 0:
-                    branch = branch_name(space, route, trajectory.states[:, :POSE_SIZE])
-                    best = Candidate(branch, route.detours, trajectory, objective, residuals, rung.name)
-                attained = profile is not None and trajectory.times[-1] <= profile.duration * (1 + NEARLY)
-                if not route.detours or not attained or gained < SETTLED:
-                    break
-                # The profile told nothing about these boundaries; now that they are known, its switches can be nodes.
-                boundaries = trajectory.times[np.cumsum([0, *program.intervals])]
-            if best is not None:
-                return best
-        return "; ".join(causes)
+                solved = solve_program(program, arguments)
+                residuals = verify(scene, settings, solved.trajectory, start, initial_velocity)
+                # What only leads to the label need not keep the margin between nodes.
+                cause = rejection(residuals) if weight == settings.effort_weight else ""
+                if solved.success and not cause:
+                    return solved, residuals, rung
+                causes.append(f"{rung.name}: " + (cause if solved.success else f"status {solved.status}"))
+            return None
 
-    def _program(self, phases: int, initial_velocity: str, solver: str, obstacles: int) -> Any:
+        begin = [rung.name for rung in RUNGS].index(first)
+        rungs = RUNGS[begin:] + RUNGS[:begin]
+        used: list[Rung] = []
+        near: Solved | None = None
+        if route.detours:
+            found = climb(rungs, SMOOTH * settings.effort_weight)
+            if found is None:
+                return "; ".join(causes)
+            near, _, rung = found
+            used, rungs = [rung], RUNGS
+        found = climb(rungs, settings.effort_weight, near)
+        if found is None:
+            return "; ".join(causes)
+        solved, residuals, rung = found
+        used.append(rung)
+        if route.detours and profile is not None and solved.trajectory.times[-1] <= profile.duration * (1 + NEARLY):
+            # The profile told nothing about these boundaries; now that they are known, its switches can be nodes.
+            boundaries = solved.trajectory.times[np.cumsum([0, *split_nodes(settings.nodes, edges)])]
+            found = climb(RUNGS, settings.effort_weight, solved, boundaries)
+            if found is not None and found[0].objective < solved.objective:
+                solved, residuals, _ = found
+        branch = branch_name(world, solved.trajectory.states[:, :POSE_SIZE])
+        method = max(used, key=RUNGS.index).name
+        return Candidate(branch, route.detours, solved.trajectory, solved.objective, residuals, method)
+
+    def _program(self, edges: tuple[bool, ...], initial_velocity: str, solver: str, obstacles: int) -> Any:
         # CasADi is loaded by the first solve: settings, verification and free space are read without it.
         from agile_jax.expert.transcription import build_program
 
-        key = (phases, initial_velocity, solver, obstacles)
-        if key not in self._programs:
-            self._programs[key] = build_program(
-                phases, initial_velocity, self._settings, solver, obstacles, self._scene.torso_half_size
-            )
-        return self._programs[key]
+        key = (edges, initial_velocity, solver, obstacles)
+        program = self._programs.pop(key, None)
+        if program is None:
+            program = build_program(edges, initial_velocity, self._settings, solver, obstacles, self._torso_half_size)
+        self._programs[key] = program  # last: the least recently used is first
+        if len(self._programs) > MOST_PROGRAMS:
+            del self._programs[next(iter(self._programs))]
+        return program

@@ -61,44 +61,91 @@ def turning_legs(points: Any) -> list[float]:
     return legs
 
 
-def axis_time(points: Any, axis: int, settings: ExpertSettings, first: str, last: str) -> float:
-    """Least time on one axis through positions in order, at rest or with free velocity at the `first` and the `last`
-    [s].
-
-    Where the axis turns it is at rest, so each leg needs its least time.
-    """
-    legs = turning_legs(points)
-    velocity, acceleration = settings.velocity[axis], settings.acceleration[axis]
-    total = 0.0
-    for j, leg in enumerate(legs):
-        free = (j == 0 and first == "free") + (j == len(legs) - 1 and last == "free")
-        total += leg / velocity if free == 2 else _leg_time(leg, velocity, acceleration, 1.0 - 0.5 * free)
-    return total
-
-
-def _leg_time(distance: float, velocity: float, acceleration: float, ramps: float) -> float:
-    """`minimum_time` for numbers; `ramps` is 1 from rest to rest and 1/2 when one end is free (time may be
-    reversed)."""
+def leg_time(distance: float, velocity: float, acceleration: float, ramps: float) -> float:
+    """`minimum_time` for numbers; `ramps` is 1 from rest to rest, 1/2 when one end is free (time may be reversed), 0
+    when both are."""
     if distance >= ramps * velocity**2 / acceleration:
         return distance / velocity + ramps * velocity / acceleration
     return math.sqrt(4.0 * ramps * distance / acceleration)
 
 
-def laziest_points(start: np.ndarray, boxes: Sequence[tuple[np.ndarray, np.ndarray]]) -> np.ndarray:
-    """Per axis the positions of the path that moves only when the next box (lower, upper) demands it. Shape (n + 1,
-    4)."""
+def passing_times(points: Sequence[float], velocity: float, acceleration: float, first: str) -> list[float]:
+    """Least times in which one axis, at rest or with free velocity at the `first` of its positions, passes the second,
+    the third, ... (n - 1,) [s].
+
+    Where the axis turns it is at rest, so each leg needs its least time.
+    """
+    begun = 1.0 if first == "rest" else 0.5  # ramps of the present leg if it ended at rest
+    past = leg = direction = 0.0  # time of the legs before, length and direction of the present one
+    times = []
+    for a, b in itertools.pairwise(points):
+        step = b - a
+        if step * direction < 0:
+            past += leg_time(leg, velocity, acceleration, begun)
+            begun, leg = 1.0, 0.0
+        if step != 0:
+            direction = step
+        leg += abs(step)
+        times.append(past + leg_time(leg, velocity, acceleration, begun - 0.5))
+    return times
+
+
+def axis_time(points: Sequence[float], velocity: float, acceleration: float, first: str) -> float:
+    """Least time of one axis through positions in order, at rest or with free velocity at the `first`, at rest at the
+    last [s]."""
+    legs = turning_legs(points)
+    ramps = [0.5 if j == 0 and first == "free" else 1.0 for j in range(len(legs))]
+    return sum(leg_time(leg, velocity, acceleration, ramp) for leg, ramp in zip(legs, ramps, strict=True))
+
+
+def laziest_points(start: float, boxes: Sequence[tuple[float, float]]) -> list[float]:
+    """The positions of an axis that moves only when the next interval (lower, upper) demands it, (n + 1,)."""
     points = [start]
     for low, high in boxes:
-        points.append(np.clip(points[-1], low, high))
-    return np.array(points)
+        points.append(min(max(points[-1], low), high))
+    return points
+
+
+def boundary_times(
+    start: Sequence[float],
+    boxes: Sequence[tuple[Sequence[float], Sequence[float]]],
+    target: Sequence[float],
+    settings: ExpertSettings,
+    initial_velocity: str,
+) -> tuple[list[float], list[float]]:
+    """Lower bounds on the times from the start to each of the boxes that are visited in order, and from each of them
+    to rest at the target [s]. Arguments as for `route_bounds`.
+
+    The slowest axis decides, all the way or from one box to the next at full speed.
+    """
+    before, after = [0.0] * len(boxes), [0.0] * len(boxes)
+    if not boxes:
+        return before, after
+    apart = [0.0] * len(boxes)  # from the box before [s]
+    for i, (velocity, acceleration) in enumerate(zip(settings.velocity, settings.acceleration, strict=True)):
+        intervals = [(low[i], high[i]) for low, high in boxes]
+        forward, backward = laziest_points(start[i], intervals), laziest_points(target[i], intervals[::-1])
+        passed = passing_times(forward, velocity, acceleration, initial_velocity)
+        left = passing_times(backward, velocity, acceleration, "rest")[::-1]
+        before = [max(pair) for pair in zip(before, passed, strict=True)]
+        after = [max(pair) for pair in zip(after, left, strict=True)]
+        for p in range(1, len(boxes)):
+            (low, high), (there_low, there_high) = intervals[p - 1], intervals[p]
+            apart[p] = max(apart[p], (there_low - high) / velocity, (low - there_high) / velocity)
+    for p in range(1, len(boxes)):
+        before[p] = max(before[p], before[p - 1] + apart[p])
+    for p in range(len(boxes) - 1, 0, -1):
+        after[p - 1] = max(after[p - 1], after[p] + apart[p])
+    return before, after
 
 
 def route_bounds(
-    start: np.ndarray,
-    boxes: Sequence[tuple[np.ndarray, np.ndarray]],
-    target: np.ndarray,
+    start: Sequence[float],
+    boxes: Sequence[tuple[Sequence[float], Sequence[float]]],
+    target: Sequence[float],
     settings: ExpertSettings,
     initial_velocity: str,
+    known: tuple[int, float, float] | None = None,
 ) -> tuple[float, float]:
     """Lower bounds on the duration [s] and on the objective T + w E of every path that visits boxes in order.
 
@@ -107,25 +154,26 @@ def route_bounds(
     velocity); over the split of T into legs the least sum of c_j / t_j^3 is (sum c_j^(1/4))^4 / T^3.
 
     Args:
-        start, target: poses, shape (4,).
+        start, target: poses, shape (4,). Plain numbers are faster than arrays.
         boxes: (lower, upper), each of shape (4,).
+        known: an axis whose effort is known for a known duration, this effort and the duration; the bound of the
+            objective is then for paths of that duration.
     """
-    end = (target, target)
-    axes = range(len(start))
-    forward = laziest_points(start, [*boxes, end])
-    duration = max(axis_time(forward[:, i], i, settings, initial_velocity, "rest") for i in axes)
-    backward = laziest_points(target, boxes[::-1])
-    for p in range(1, len(boxes) + 1):
-        before = max(axis_time(forward[: p + 1, i], i, settings, initial_velocity, "free") for i in axes)
-        after = max(axis_time(backward[: len(boxes) + 2 - p, i], i, settings, "rest", "free") for i in axes)
-        duration = max(duration, before + after)
-
-    effort = 0.0
-    for i in axes:
-        legs = turning_legs(forward[:, i])
-        factors = [3.0 if j == 0 and initial_velocity == "free" else 12.0 for j in range(len(legs))]
-        roots = sum(factor**0.25 * leg**0.5 for factor, leg in zip(factors, legs, strict=True))
-        effort += roots**4 / settings.acceleration[i] ** 2
+    before, after = boundary_times(start, boxes, target, settings, initial_velocity)
+    duration, effort = max((a + b for a, b in zip(before, after, strict=True)), default=0.0), 0.0
+    for i, (velocity, acceleration) in enumerate(zip(settings.velocity, settings.acceleration, strict=True)):
+        intervals = [(low[i], high[i]) for low, high in boxes]
+        forward = [*laziest_points(start[i], intervals), target[i]]
+        duration = max(duration, axis_time(forward, velocity, acceleration, initial_velocity))
+        if known is not None and i == known[0]:
+            continue
+        roots = 0.0
+        for j, leg in enumerate(turning_legs(forward)):
+            roots += (3.0 if j == 0 and initial_velocity == "free" else 12.0) ** 0.25 * leg**0.5
+        effort += roots**4 / acceleration**2
+    if known is not None:
+        _, least, time = known
+        return duration, time + settings.effort_weight * (least + effort / max(time, 1e-9) ** 3)
     weighted = settings.effort_weight * effort
     best = max(duration, (3 * weighted) ** 0.25, 1e-9)  # minimises T + w c / T^3 over T >= duration
     return duration, best + weighted / best**3

@@ -5,6 +5,7 @@ At the lower bound T the slowest axis has no freedom left: full acceleration, co
 switches are nodes.
 """
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -34,6 +35,11 @@ class Profile(NamedTuple):
     def switches(self) -> tuple[float, float]:
         """When the acceleration changes [s]."""
         return self.ramp, self.brake
+
+    @property
+    def effort(self) -> float:
+        """Integral of (u / a)^2 [s]."""
+        return self.ramp + self.duration - self.brake
 
     def time_at(self, position: float) -> float:
         """When the axis passes a position; positions before the start or beyond the target count as these [s]."""
@@ -98,14 +104,15 @@ def make_grid(
         if points[-1] + shortest < point < duration - shortest:
             points.append(point)
     points.append(duration)
-    lengths = np.diff(points)
+    lengths = [b - a for a, b in itertools.pairwise(points)]
     spare = intervals - len(lengths)
     if spare < 0:
         return None
     # Each stretch has one interval; the others go where the steps would be longest.
-    ideal = lengths / duration * intervals
-    counts = 1 + np.floor(np.maximum(ideal - 1, 0.0) * spare / max(np.maximum(ideal - 1, 0.0).sum(), 1e-12)).astype(int)
-    for _ in range(intervals - int(counts.sum())):
-        counts[int(np.argmax(lengths / counts))] += 1
-    pieces = [np.linspace(points[i], points[i + 1], count, endpoint=False) for i, count in enumerate(counts.tolist())]
-    return np.append(np.concatenate(pieces), duration)
+    wanted = [max(length / duration * intervals - 1, 0.0) for length in lengths]
+    share = spare / max(sum(wanted), 1e-12)
+    counts = [1 + math.floor(more * share) for more in wanted]
+    for _ in range(intervals - sum(counts)):
+        steps = [length / count for length, count in zip(lengths, counts, strict=True)]
+        counts[steps.index(max(steps))] += 1
+    return np.interp(np.arange(intervals + 1), [0, *itertools.accumulate(counts)], points)

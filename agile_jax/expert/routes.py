@@ -1,135 +1,157 @@
 """Routes: sequences of regions from the start to the target, found in the order of their lower bound.
 
 Consecutive regions differ in the side of one obstacle and intersect; a route ends in the first region that holds the
-target and never comes back to one that holds the start (the rest of it would be a shorter route of its own). The
-boundary between two regions is pinned to a face: where the path last leaves the old region, or first enters the new
-one. Either exists on every path along the route, so the pin costs nothing, and it takes away the freedom to switch
-anywhere in the overlap, which would make the labels ambiguous.
+target and never comes back to one that holds the start (the rest of it would be a shorter route of its own). Between
+two regions it goes over at a face (boundaries.py), or around an edge (edges.py); where there are several ways to do so,
+each makes a route.
 """
 
 import heapq
 import itertools
-from collections.abc import Iterator, Sequence
+import math
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.boundaries import Boundary
+from agile_jax.expert.graph import Graph
 from agile_jax.expert.minimum_time import minimum_time, route_bounds
-from agile_jax.expert.regions import CONTAINMENT, FreeSpace, Region, Side, clip_by_sides, holds
-from agile_jax.expert.separation import Polygon, clip
+from agile_jax.expert.profile import Profile
+from agile_jax.expert.regions import Choice, FreeSpace, Region, regions_around
 from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.sides import Face
 
-BRANCH_ORDER = (
-    "direct",
-    "under",
-    "left",
-    "right",
-    "over",
-)  # of equally good routes the first wins; others follow by name
 MAX_EXPANSIONS = 20_000
+ROUNDING = 1e-6  # relative, of the time that routes may take
+PATHS = 8  # that are followed through one region, the best ones: they multiply with the number of obstacles
+PATIENCE = 50  # expansions without a route after which it is asked whether there is any
 
 
-class Boundary(NamedTuple):
-    """Where a route goes over from one region to the next."""
+class Path(NamedTuple):
+    """Regions one after the other, and which of the passages between each two."""
 
-    pin: Side  # on whose face
-    lower: np.ndarray  # (4,) box around it, of the pose
-    upper: np.ndarray  # (4,)
+    choices: tuple[Choice, ...]
+    ways: tuple[int, ...]
 
 
 class Route(NamedTuple):
-    """A sequence of P regions."""
+    """A sequence of P regions, one for each phase."""
 
     regions: tuple[Region, ...]
     boundaries: tuple[Boundary, ...]  # between phases p and p + 1, P - 1 of them
-    detours: int  # pins that are not on the slower horizontal axis
+    detours: int  # passages that are not pinned on the slower horizontal axis
     duration_bound: float  # [s]
     objective_bound: float
 
     @property
-    def pins(self) -> tuple[Side, ...]:
-        """The sides whose faces are the boundaries."""
+    def pins(self) -> tuple[Face, ...]:
+        """The faces that are the boundaries."""
         return tuple(boundary.pin for boundary in self.boundaries)
 
 
-def branch_rank(branch: str) -> tuple[int, str]:
-    """Sorting key of the fixed order in which ties between routes are broken."""
-    return (BRANCH_ORDER.index(branch) if branch in BRANCH_ORDER else len(BRANCH_ORDER), branch)
+class RouteSearch:
+    """Every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
 
-
-def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
-    """How a path along a route passes the obstacles, in the words of someone looking along +x.
-
-    Per obstacle: "under" or "over" when the torso is ever below or above it, else "left" or "right" when the route
-        changes its side of the obstacle by way of that side. Joined by "+" for several obstacles; "direct" when
-        nothing of it applies.
+    A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
+    lower bound never falls when a route gets longer. A longer path waits with the bound of the shorter one, and gets
+    its own when its turn comes.
 
     Args:
-        poses: of the nodes, shape (T+1, 4).
+        profile: of the slowest axis, when only routes are wanted that may take its time; the bounds are then for
+            motions of that duration.
+        rounded: a route has a phase around each edge that it passes (edges.py).
     """
-    names = []
-    for obstacle, sides in enumerate(space.sides):
-        inside = np.ones(len(poses), bool)
-        for side in sides:
-            if side.name and side.axis != 2:
-                inside &= poses[:, :3] @ side.normal < side.value
-        taken = [sides[region.sides[obstacle]].name for region in route.regions]
-        lateral = [name for name in taken if name in ("left", "right")]
-        if inside.any():
-            names.append("under" if poses[inside][0, 2] < space.heights[obstacle] else "over")
-        elif len(set(taken)) > 1 and lateral:
-            names.append(lateral[0])
-    return "+".join(dict.fromkeys(names)) or "direct"
+
+    def __init__(
+        self,
+        space: FreeSpace,
+        start: np.ndarray,
+        target: np.ndarray,
+        settings: ExpertSettings,
+        initial_velocity: str,
+        profile: Profile | None = None,
+        rounded: bool = False,
+    ) -> None:
+        # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
+        bounds = np.array(settings.velocity), np.array(settings.acceleration)
+        times = minimum_time(target - start, *bounds, initial_velocity)
+        self._priority = (*np.argsort(-times[:2], kind="stable").tolist(), 2)
+        self._graph = Graph(space, self._priority, start, target, rounded)
+        self._starts = {region.sides: region for region in regions_around(space, start)}
+        self._graph.regions.update(self._starts)
+        self._problem = (settings, initial_velocity)
+        self._ends = (start.tolist(), target.tolist())
+        self._known = None if profile is None else (profile.axis, profile.effort, profile.duration)
+        self._longest = math.inf if profile is None else profile.duration * (1 + ROUNDING)
+        # (bound, number of regions, path, route): of equal bounds the simplest comes first. The route is None while the
+        # bound is that of the path without its end.
+        self._heap: list[tuple[float, int, Path, Route | None]] = [
+            (0.0, 1, Path((choice,), ()), None) for choice in sorted(self._starts)
+        ]
+        self.expansions = 0
+        self._followed: dict[Choice, int] = {}  # how often, by the region where a path ends
+        self._found = False
+
+    def next(self, most: float = math.inf) -> Route | None:
+        """The next route; None when there is none whose bound is at most `most`, which must never grow."""
+        heap = self._heap
+        while heap and heap[0][0] <= most and self.expansions < MAX_EXPANSIONS:
+            bound, size, path, route = heapq.heappop(heap)
+            if route is None:
+                route = self._evaluate(bound, path)
+                if route.duration_bound > self._longest or route.objective_bound > most:
+                    continue
+                if heap and (route.objective_bound, size, path) > heap[0][:3]:
+                    heapq.heappush(heap, (route.objective_bound, size, path, route))
+                    continue
+            last = path.choices[-1]
+            if self._graph.ends(last):
+                self._found = True
+                return route
+            self._followed[last] = followed = self._followed.get(last, 0) + 1
+            if followed > PATHS:
+                continue
+            self.expansions += 1
+            if self.expansions == PATIENCE and not self._found and not self._graph.connects(self._starts):
+                heap.clear()
+                return None
+            for choice, passages in self._graph.neighbours(last).items():
+                if choice not in self._starts and not _returns(path.choices, choice):
+                    for way in range(len(passages)):
+                        longer = Path((*path.choices, choice), (*path.ways, way))
+                        heapq.heappush(heap, (route.objective_bound, size + 1, longer, None))
+        return None
+
+    def routes(self, most: Callable[[], float]) -> Iterator[Route]:
+        """All that follow, each looked for when it is asked for, under the bound `most` at that time."""
+        while (route := self.next(most())) is not None:
+            yield route
+
+    def _evaluate(self, bound: float, path: Path) -> Route:
+        graph, (start, target) = self._graph, self._ends
+        steps = zip(itertools.pairwise(path.choices), path.ways, strict=True)
+        crossed = [graph.neighbours(a)[b][way] for (a, b), way in steps]
+        boundaries = tuple(boundary for passage in crossed for boundary in passage.boundaries)
+        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries]
+        duration, objective = route_bounds(start, boxes, target, *self._problem, self._known)
+        detours = sum(passage.boundaries[0].pin.axis != self._priority[0] for passage in crossed)
+        phases = [graph.regions[path.choices[0]]]
+        for passage, choice in zip(crossed, path.choices[1:], strict=True):
+            phases += [graph.regions[choice]] if passage.between is None else [passage.between, graph.regions[choice]]
+        return Route(tuple(phases), boundaries, detours, duration, max(objective, bound))
 
 
 def find_routes(
-    space: FreeSpace, start: np.ndarray, target: np.ndarray, settings: ExpertSettings, initial_velocity: str
+    space: FreeSpace,
+    start: np.ndarray,
+    target: np.ndarray,
+    settings: ExpertSettings,
+    initial_velocity: str,
+    rounded: bool = False,
 ) -> Iterator[Route]:
-    """Yield every route from `start` to `target`, poses of shape (4,), by increasing lower bound of its objective.
-
-    A* search over paths in the graph of regions that never return to a side of an obstacle that they have left: the
-    lower bound never falls when a route gets longer.
-    """
-    regions = space.regions
-    holds_start = [holds(space, region, start) for region in regions]
-    holds_target = [holds(space, region, target) for region in regions]
-    index = {region.sides: i for i, region in enumerate(regions)}
-    # The axis that takes longest moves monotonically, and the fast path knows its motion; heights come last.
-    times = minimum_time(target - start, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
-    priority = [*np.argsort(-times[:2], kind="stable").tolist(), 2]
-    known: dict[int, dict[int, Boundary]] = {}
-
-    def neighbours(i: int) -> dict[int, Boundary]:
-        if i not in known:
-            known[i] = dict(sorted(_neighbours(space, regions[i], index, priority), key=lambda pair: pair[0]))
-        return known[i]
-
-    def boundaries(path: tuple[int, ...]) -> list[Boundary]:
-        return [neighbours(i)[j] for i, j in itertools.pairwise(path)]
-
-    heap: list[tuple[float, tuple[int, ...]]] = []
-
-    def push(path: tuple[int, ...]) -> None:
-        boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path)]
-        heapq.heappush(heap, (route_bounds(start, boxes, target, settings, initial_velocity)[1], path))
-
-    for i in range(len(regions)):
-        if holds_start[i]:
-            push((i,))
-    expansions = 0
-    while heap and expansions < MAX_EXPANSIONS:
-        expansions += 1
-        _, path = heapq.heappop(heap)
-        if holds_target[path[-1]]:
-            crossed = boundaries(path)
-            boxes = [(boundary.lower, boundary.upper) for boundary in crossed]
-            bounds = route_bounds(start, boxes, target, settings, initial_velocity)
-            detours = sum(boundary.pin.axis != priority[0] for boundary in crossed)
-            yield Route(tuple(regions[i] for i in path), tuple(crossed), detours, *bounds)
-            continue
-        for j in neighbours(path[-1]):
-            if not holds_start[j] and not _returns([regions[i] for i in path], regions[j]):
-                push((*path, j))
+    """Yield all routes in the order of `RouteSearch`."""
+    return RouteSearch(space, start, target, settings, initial_velocity, rounded=rounded).routes(lambda: math.inf)
 
 
 def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray:
@@ -146,61 +168,9 @@ def waypoints(route: Route, start: np.ndarray, target: np.ndarray) -> np.ndarray
     return np.array(points)
 
 
-def _neighbours(
-    space: FreeSpace, region: Region, index: dict[tuple[int, ...], int], priority: list[int]
-) -> Iterator[tuple[int, Boundary]]:
-    """Regions that differ from one in the side of one obstacle, with the boundary in between."""
-    for obstacle, side in enumerate(region.sides):
-        for other in range(len(space.sides[obstacle])):
-            j = index.get((*region.sides[:obstacle], other, *region.sides[obstacle + 1 :]))
-            if other != side and j is not None:
-                boundary = _boundary(space, obstacle, region, space.regions[j], priority)
-                if boundary is not None:
-                    yield j, boundary
-
-
-def _boundary(space: FreeSpace, obstacle: int, a: Region, b: Region, priority: list[int]) -> Boundary | None:
-    """Where a path goes over from one region to another: on a face, out of the two sides of the obstacle, that passes
-    through their intersection; None when there is none."""
-    low, high = np.maximum(a.lower, b.lower), np.minimum(a.upper, b.upper)
-    if (low > high).any():
-        return None
-    faces = [space.sides[obstacle][region.sides[obstacle]] for region in (a, b)]
-    for pin in sorted((face for face in faces if face.normal.any()), key=lambda face: priority.index(face.axis)):
-        box = _pinned_box(space, pin, b, a.polygon, low.copy(), high.copy())
-        if box is not None:
-            return Boundary(pin, *box)
-    return None
-
-
-def _pinned_box(
-    space: FreeSpace, pin: Side, other: Region, polygon: Polygon, low: np.ndarray, high: np.ndarray
-) -> tuple[np.ndarray, np.ndarray] | None:
-    """The box around where a face, for some yaw, passes through the intersection of a region's polygon, another region
-    and a box of poses."""
-    axis = pin.axis
-    if not space.exact or axis == 2:
-        value = pin.normal[axis] * pin.value
-        if not low[axis] <= value <= high[axis]:
-            return None
-        low[axis] = high[axis] = value
-        if not space.exact:
-            return low, high
-    sides = [space.sides[o][side] for o, side in enumerate(other.sides)]
-    polygon = clip_by_sides(polygon, sides, low, high)
-    if axis != 2:
-        normal = pin.normal[:2]
-        polygon = clip(polygon, normal, pin.value) if polygon else polygon
-        polygon = clip(polygon, -normal, -(pin.value + pin.reach)) if polygon else polygon
-    if not polygon:
-        return None
-    low[:2], high[:2] = np.maximum(low[:2], np.min(polygon, axis=0)), np.minimum(high[:2], np.max(polygon, axis=0))
-    return None if (low > high + CONTAINMENT).any() else (np.minimum(low, high), high)
-
-
-def _returns(path: Sequence[Region], region: Region) -> bool:
-    """Whether a region is on a side of an obstacle that the path has been on and left."""
-    for obstacle, side in enumerate(region.sides):
-        if path[-1].sides[obstacle] != side and any(before.sides[obstacle] == side for before in path):
+def _returns(path: Sequence[Choice], choice: Choice) -> bool:
+    """Whether a choice has a side of an obstacle that the path has been on and left."""
+    for obstacle, side in enumerate(choice):
+        if path[-1][obstacle] != side and any(before[obstacle] == side for before in path):
             return True
     return False

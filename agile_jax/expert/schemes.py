@@ -28,3 +28,10 @@ def step(scheme: str, pose: Any, rate: Any, h: Any, u: Any, u_next: Any) -> tupl
 def square_integral(scheme: str, h: Any, u: Any, u_next: Any) -> Any:
     """Integral of u^2 over an interval."""
     return h * u**2 if scheme == "zoh" else h / 3 * (u**2 + u * u_next + u_next**2)
+
+
+def control_points(scheme: str, pose: Any, rate: Any, h: Any, u: Any, u_next: Any) -> list[Any]:
+    """The pose's Bernstein coefficients over an interval but for its begin: the motion is in the convex hull of all."""
+    end, end_rate = step(scheme, pose, rate, h, u, u_next)
+    inner = [pose + h / 3 * rate, end - h / 3 * end_rate] if scheme == "foh" else [pose + h / 2 * rate]
+    return [*inner, end]

@@ -2,10 +2,11 @@
 
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from agile_jax.scene.settings import SceneSettings
-from agile_jax.settings import Count, Fraction, NonNegative, Positive, PositivePose, Settings
+from agile_jax.settings import Count, Fraction, NonNegative, Pose, Positive, PositivePose, Settings
 
 
 class ExpertSettings(Settings):
@@ -16,6 +17,8 @@ class ExpertSettings(Settings):
     """
 
     trajectories: Count = 400
+    # Poses [m, rad] that the labels lead to, in turn: label i to number i modulo their count; the scene's if none.
+    targets: Annotated[tuple[Pose, ...], Field(strict=False)] = ()
     nodes: Annotated[int, Field(ge=10, le=2000)] = 100  # intervals of a trajectory
     shard_size: Count = 50  # trajectories in a file
     velocity: PositivePose = (1.0, 0.5, 0.3, 1.0)  # bounds [m/s, rad/s]
@@ -32,6 +35,9 @@ class ExpertSettings(Settings):
     planner: Literal["3d", "2d"] = "3d"  # 2d: height fixed at the target's, obstacles from the floor up (figure 2)
     # auto: closed-form least time where it is attained, else the general program; general: always the program.
     method: Literal["auto", "general"] = "auto"
+    # Around obstacles' edges the general program keeps the margin exactly (rounded), or stays within the fast path's
+    # square corners, whose diagonal is up to sqrt(2) margins away.
+    edges: Literal["rounded", "square"] = "rounded"
     max_routes: Count = 12  # routes solved for one start at most
     starts: Literal["paper", "wide"] = "paper"  # paper: scene.start; wide: dataset/starts.py
     wide_paper_fraction: Fraction = 0.35  # of the wide starts, drawn as the paper's but at any height
@@ -42,8 +48,12 @@ class ExpertSettings(Settings):
 
 
 def check_scene(scene: SceneSettings, settings: ExpertSettings) -> None:
-    """Refuse a scene whose target keeps less than the margin (BadInput): no plan could end there."""
-    from agile_jax.expert.regions import check_target
+    """Refuse targets out of bounds or with less than the margin (BadInput, which names the one): no plan could end
+    there."""
+    from agile_jax.expert.ends import check_target
     from agile_jax.scene.scene import make_scene
 
-    check_target(make_scene(scene), settings)
+    made = make_scene(scene)
+    check_target(made, settings)
+    for i, target in enumerate(settings.targets):
+        check_target(made, settings, np.array(target), f"expert.targets[{i}]")

@@ -12,23 +12,28 @@ the torso must stay beyond a face of every obstacle, which adds rows:
 
     n . (p + R(yaw) corner) >= offset          for the four corners, per obstacle and phase
 
-The structure depends on the number of phases, of obstacles with rows, and the settings; one program serves all routes.
+In a phase around an edge (edges.py) n is between two normals, at an angle that is a control, and the rows are on all
+Bernstein coefficients of the interval. The structure depends on which phases are around edges, on the number of
+obstacles with rows, and on the settings; one program serves all routes that agree in it.
 Rates are bounded at the nodes, which is enough where they are linear; a rate that is quadratic over an interval also
 keeps its middle Bernstein coefficient, s' + h u / 2, within the bound, hence the whole of it.
 """
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
 
-from agile_jax.expert.schemes import LINEAR, square_integral, step
+from agile_jax.expert.schemes import LINEAR, control_points, square_integral, step
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Trajectory
 from agile_jax.scene import POSE_SIZE
 
 PIN = 7  # parameters of a pinned boundary: normal (3), direction in the plane (2), footprint's weight, offset
 ROW = 4  # parameters of an obstacle's face: normal (3), offset
+EDGE = 2 * ROW + 1  # parameters of an edge: its two faces, the margin
+EDGE_INTERVALS = 3  # of a phase around an edge; it is short, and its path hardly curved
 ROUNDING = 3e-3  # of the footprint's kinks in a pin; the pin then lies up to 1 mm beyond the face
 
 # Iterations are limited, not seconds: a label must not depend on the machine's load.
@@ -52,45 +57,52 @@ SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
 
 
 class Program(NamedTuple):
-    """A solver for all routes of one number of phases."""
+    """A solver for all routes of one pattern of phases."""
 
     solver: Any  # casadi.Function
+    edges: tuple[bool, ...]  # per phase, whether it is around an edge
     intervals: tuple[int, ...]  # per phase
     obstacles: int  # with rows, in every phase
     scheme: str
     constraints: tuple[tuple[str, int, int, int], ...]  # (kind, node, phase, rows) in the order of the program
 
 
-def split_nodes(nodes: int, phases: int) -> tuple[int, ...]:
-    """Intervals of each phase: as even as possible, earlier phases first."""
-    return tuple(nodes // phases + (p < nodes % phases) for p in range(phases))
+def split_nodes(nodes: int, edges: Sequence[bool]) -> tuple[int, ...]:
+    """Intervals of each phase: few around an edge, the others as even as possible, earlier phases first."""
+    left, others = nodes - EDGE_INTERVALS * sum(edges), [p for p, edge in enumerate(edges) if not edge]
+    more = others[: left % len(others)]
+    return tuple(EDGE_INTERVALS if edge else left // len(others) + (p in more) for p, edge in enumerate(edges))
 
 
 def build_program(
-    phases: int,
+    edges: Sequence[bool],
     initial_velocity: str,
     settings: ExpertSettings,
     solver: str = "fatrop",
     obstacles: int = 0,
     half_size: np.ndarray | None = None,
 ) -> Program:
-    """Build the program for routes of `phases` phases.
+    """Build the program for routes with one pattern of phases.
 
     Args:
-        phases: P.
+        edges: per phase, whether it is around an edge.
         initial_velocity: "rest" or "free".
         settings: nodes, scheme, weights.
         solver: a key of `SOLVERS`.
         obstacles: with rows.
         half_size: of the torso, shape (3,) [m]; only used with rows.
     """
-    scheme, intervals = settings.transcription, split_nodes(settings.nodes, phases)
+    phases, edges = len(edges), tuple(edges)
+    scheme, intervals = settings.transcription, split_nodes(settings.nodes, edges)
     linear = scheme in LINEAR
     half = np.ones(2) if half_size is None else half_size[:2]
+    # Without rows the faces hold the footprint already, and the torso is a point.
+    corners = [(i * half[0], j * half[1]) for i in (1, -1) for j in (1, -1)] if obstacles else [(0.0, 0.0)]
     phase_of = np.repeat(np.arange(phases), intervals)
     start, target = ca.SX.sym("start", POSE_SIZE), ca.SX.sym("target", POSE_SIZE)
     pins, faces = ca.SX.sym("pins", PIN, phases - 1), ca.SX.sym("faces", ROW * obstacles, phases)
-    fractions = ca.SX.sym("fractions", settings.nodes)
+    rounded = ca.SX.sym("edges", EDGE, sum(edges))
+    fractions, weight = ca.SX.sym("fractions", settings.nodes), ca.SX.sym("weight")
     velocity, scale = np.array(settings.velocity), np.array(settings.acceleration)
 
     size = 2 * POSE_SIZE + 1 + linear * POSE_SIZE
@@ -104,9 +116,10 @@ def build_program(
         rows.append(expression)
         constraints.append((kind, node, phase, expression.numel()))
 
-    def require_faces(node: int, phase: int) -> None:
+    def require_faces(kind: str, node: int, phase: int, point: Any) -> None:
         for o in range(obstacles):
-            require("face", node, phase, _corner_heights(states[node], faces[ROW * o : ROW * (o + 1), phase], half))
+            face = faces[ROW * o : ROW * (o + 1), phase]
+            require(kind, node, phase, _corner_heights(point, face, corners))
 
     def require_speed(node: int, rate: Any) -> None:
         if settings.velocity_bound == "planar_norm":
@@ -117,7 +130,7 @@ def build_program(
         pose, rate, tau = x[:POSE_SIZE], x[POSE_SIZE : 2 * POSE_SIZE], x[2 * POSE_SIZE]
         ends_phase = k + 1 < settings.nodes and phase_of[k + 1] != p
         # The next phase's duration is chosen at the end of this one.
-        control = ca.SX.sym(f"u{k}", POSE_SIZE + ends_phase)
+        control = ca.SX.sym(f"u{k}", POSE_SIZE + edges[p] + ends_phase)
         u, h = (x[-POSE_SIZE:] if linear else control[:POSE_SIZE]), tau * fractions[k]
         u_next = control[:POSE_SIZE]
         following = [*step(scheme, pose, rate, h, u, u_next), control[-1] if ends_phase else tau]
@@ -134,13 +147,20 @@ def build_program(
             require("end", k, p, u)
         if linear:
             require("rate", k, p, rate + h / 2 * u)
+        points = control_points(scheme, pose, rate, h, u, u_next)
+        for point in points[:-1]:
+            require("pose", k, p, point)
+            require_faces("face", k, p, point)
         require_speed(k, rate)
-        if k > 0:
-            require_faces(k, p)
-            if p != phase_of[k - 1]:
-                require_faces(k, p - 1)
+        if k > 0 and p != phase_of[k - 1]:
+            require_faces("touch", k, p, pose)
+            require_faces("touch", k, p - 1, pose)
+        if edges[p]:
+            edge = rounded[:, sum(edges[:p])]
+            for point in (pose, *points):
+                require("edge", k, p, _edge_heights(point, edge, control[POSE_SIZE], corners))
         effort = ca.sum1(square_integral(scheme, h, u / scale, u_next / scale))
-        objective += h + settings.effort_weight * effort
+        objective += h + weight * effort
     last, final = settings.nodes, states[-1]
     variables.append(final)
     require("end", last, phases - 1, final[:POSE_SIZE] - target)
@@ -153,25 +173,31 @@ def build_program(
         "x": ca.vertcat(*variables),
         "f": objective,
         "g": constrained,
-        "p": ca.vertcat(start, target, ca.vec(pins), ca.vec(faces), fractions),
+        "p": ca.vertcat(start, target, ca.vec(pins), ca.vec(faces), ca.vec(rounded), fractions, weight),
     }
     plugin, own = SOLVERS[solver]
     options: dict[str, Any] = {"expand": True, "print_time": False, "error_on_fail": False, plugin: own}
     if plugin == "fatrop":
         equality = [kind in ("step", "end", "pin") for kind, _, _, count in constraints for _ in range(count)]
         options |= {"structure_detection": "auto", "equality": equality}
-    name = f"route_{phases}_{obstacles}_{initial_velocity}"
-    return Program(ca.nlpsol(name, plugin, problem, options), intervals, obstacles, scheme, tuple(constraints))
+    name = f"route_{phases}_{sum(edges)}_{obstacles}_{initial_velocity}"
+    return Program(ca.nlpsol(name, plugin, problem, options), edges, intervals, obstacles, scheme, tuple(constraints))
 
 
-def _corner_heights(state: Any, face: Any, half: np.ndarray) -> Any:
-    """How far the torso's four corners lie beyond a face, shape (4,)."""
+def _corner_heights(state: Any, face: Any, corners: Sequence[tuple[float, float]]) -> Any:
+    """How far the torso's corners lie beyond a face, shape (4,) for four of them."""
     x, y, z, yaw = (state[i] for i in range(POSE_SIZE))
     along = face[0] * ca.cos(yaw) + face[1] * ca.sin(yaw)
     across = face[1] * ca.cos(yaw) - face[0] * ca.sin(yaw)
     middle = face[0] * x + face[1] * y + face[2] * z - face[3]
-    corners = [(i * half[0], j * half[1]) for i in (1, -1) for j in (1, -1)]
     return ca.vertcat(*(middle + a * along + b * across for a, b in corners))
+
+
+def _edge_heights(state: Any, edge: Any, angle: Any, corners: Sequence[tuple[float, float]]) -> Any:
+    """How much farther than the margin the torso's corners lie beyond a plane through an edge."""
+    first = _corner_heights(state, edge[:ROW], corners)
+    second = _corner_heights(state, edge[ROW : 2 * ROW], corners)
+    return ca.cos(angle) * first + ca.sin(angle) * second - edge[2 * ROW]
 
 
 def _pin(state: Any, pin: Any, half: np.ndarray) -> Any:
@@ -195,8 +221,18 @@ class Arguments(NamedTuple):
     fractions: np.ndarray  # (T,) of the phase's duration
 
 
-def solve_program(program: Program, arguments: Arguments) -> tuple[Trajectory, float, bool, str]:
-    """Run the solver. Returns the trajectory, the objective, whether the solver claims success, and its status."""
+class Solved(NamedTuple):
+    """What the solver returns."""
+
+    trajectory: Trajectory
+    objective: float
+    success: bool  # what the solver claims
+    status: str
+    variables: np.ndarray
+
+
+def solve_program(program: Program, arguments: Arguments) -> Solved:
+    """Run the solver."""
     result = program.solver(
         x0=arguments.guess,
         lbx=arguments.lower,
@@ -206,8 +242,9 @@ def solve_program(program: Program, arguments: Arguments) -> tuple[Trajectory, f
         p=arguments.parameters,
     )
     stats = program.solver.stats()
-    trajectory = unpack(np.array(result["x"]).ravel(), program, arguments.fractions)
-    return trajectory, float(result["f"]), bool(stats["success"]), str(stats["return_status"])
+    variables = np.array(result["x"]).ravel()
+    trajectory = unpack(variables, program, arguments.fractions)
+    return Solved(trajectory, float(result["f"]), bool(stats["success"]), str(stats["return_status"]), variables)
 
 
 def unpack(variables: np.ndarray, program: Program, fractions: np.ndarray) -> Trajectory:
@@ -223,7 +260,7 @@ def unpack(variables: np.ndarray, program: Program, fractions: np.ndarray) -> Tr
             steps.append(state[2 * POSE_SIZE] * fractions[k])
             position, k = position + size, k + 1
             controls.append(state[-POSE_SIZE:] if linear else variables[position : position + POSE_SIZE])
-            position += POSE_SIZE + (j + 1 == count and p + 1 < len(program.intervals))
+            position += POSE_SIZE + program.edges[p] + (j + 1 == count and p + 1 < len(program.intervals))
     final = variables[position : position + size]
     states.append(final[: 2 * POSE_SIZE])
     if linear:

@@ -14,11 +14,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.policy.features import pose_error
 from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.tracker import track
-from agile_jax.scene import POSE_SIZE, Scene, clearance
+from agile_jax.scene import POSE_SIZE, Scene, clearance, pose_error
 
 ARRIVED, COLLIDED, STALLED, TIMEOUT = range(4)
 OUTCOMES = ("arrived", "collided", "stalled", "timeout")
@@ -80,13 +79,12 @@ def make_follower(
     if acceleration_limit is not None:
         limit = jnp.asarray(acceleration_limit, jnp.float32)
     scene = Scene(*(np.asarray(array, np.float32) for array in scene))
-    target = jnp.asarray(scene.target)
     chunks = -(-round(duration / dt) // CHUNK)
     hold = round(HOLD / dt)
 
     def error(pose: jax.Array) -> tuple[jax.Array, jax.Array]:
         """Distance [m] and yaw error [rad]."""
-        difference = pose_error(pose, target)
+        difference = pose_error(scene, pose, jnp)
         return jnp.linalg.norm(difference[:3]), jnp.abs(difference[3])
 
     def outside(pose: jax.Array) -> jax.Array:

@@ -9,42 +9,35 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.geometry import wrap_angle
-from agile_jax.policy.planes import FACES, YAW, separating_planes
-from agile_jax.scene import Scene
-
-
-def pose_error(pose: jax.Array, target: jax.Array) -> jax.Array:
-    """pose - target with the yaw wrapped into [-pi, pi). Shape (4,) [m, rad]."""
-    error = pose - target
-    return error.at[..., YAW].set(wrap_angle(error[..., YAW], jnp))
+from agile_jax.policy.planes import FACES, separating_planes
+from agile_jax.scene import Scene, pose_error
 
 
 def face_distances(scene: Scene, pose: jax.Array) -> jax.Array:
-    """Signed distances of the torso's box to the planes of the six faces of each obstacle [m].
+    """Signed distances of the torso's box to the planes of the six faces of each of the obstacles' boxes [m].
 
-    Positive: the whole torso is on the outer side. An obstacle is touched exactly where, without a turn between
-    torso and obstacle, all its six are negative.
+    Positive: the whole torso is on the outer side. A box is touched exactly where, without a turn between
+    torso and box, all its six are negative.
 
     Args:
-        scene: n obstacles.
+        scene: of n boxes.
         pose: shape (4,) [m, rad].
 
     Returns:
-        Shape (n, 6): along the obstacle's own +x, -x, +y, -y, +z, -z.
+        Shape (n, 6): along the box's own +x, -x, +y, -y, +z, -z.
     """
     count = len(scene.obstacle_centers)
     return jnp.stack([separating_planes(scene, pose, i).distance[:FACES] for i in range(count)])
 
 
 def wall_features(scene: Scene, pose: jax.Array, length: float) -> jax.Array:
-    """tanh(distance / length) of the six faces of each obstacle. Shape (6 n,)."""
+    """tanh(distance / length) of the six faces of each box. Shape (6 n,)."""
     return jnp.tanh(face_distances(scene, pose) / length).reshape(-1)
 
 
 def features(scene: Scene, pose: jax.Array, wall_length: float | None) -> jax.Array:
     """The error to the target, and the wall features when `wall_length` [m] is given. Shape (4,) or (4 + 6 n,)."""
-    error = pose_error(pose, jnp.asarray(scene.target))
+    error = pose_error(scene, pose, jnp)
     if wall_length is None or len(scene.obstacle_centers) == 0:
         return error
     return jnp.concatenate([error, wall_features(scene, pose, wall_length)])

@@ -19,12 +19,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.policy.braking import braking_law
-from agile_jax.policy.features import features, natural_range, pose_error
+from agile_jax.policy.features import features, natural_range
 from agile_jax.policy.field import Encoding, Policy, make_network
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.policy.speed_limit import brake_before_bounds, brake_before_obstacles, within_limits
-from agile_jax.scene import POSE_SIZE, Scene
+from agile_jax.scene import POSE_SIZE, Scene, pose_error
 
 
 def make_feedback(
@@ -42,7 +42,7 @@ def make_feedback(
     def encode(state: jax.Array) -> Encoding:
         state = jnp.asarray(state)
         pose, velocity = state[:POSE_SIZE], state[POSE_SIZE:]
-        law = braking_law(pose_error(pose, jnp.asarray(scene.target)), limit, acceleration, settings.approach_rate)
+        law = braking_law(pose_error(scene, pose, jnp), limit, acceleration, settings.approach_rate)
         base = jnp.clip((law.velocity - velocity) / settings.blend_time, -acceleration, acceleration)
         gain = law.fraction * -jnp.expm1(-((law.time_to_go / settings.blend_time) ** 2))
         inputs = jnp.concatenate([features(scene, pose, wall_length), velocity / limit])

@@ -27,11 +27,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.policy.braking import braking_law
-from agile_jax.policy.features import features, natural_range, pose_error
+from agile_jax.policy.features import features, natural_range
 from agile_jax.policy.network import MLP, Normalization, PolicyParameters, fit_normalization
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.policy.speed_limit import brake_before_bounds, brake_before_obstacles, within_limits
-from agile_jax.scene import POSE_SIZE, Scene
+from agile_jax.scene import POSE_SIZE, Scene, pose_error
 
 
 class Encoding(NamedTuple):
@@ -115,7 +115,7 @@ def make_field(
         pose = jnp.asarray(pose)
         if not residual:
             return Encoding(pose, jnp.zeros(POSE_SIZE), jnp.ones(1))
-        law = braking_law(pose_error(pose, jnp.asarray(scene.target)), limit, acceleration, settings.approach_rate)
+        law = braking_law(pose_error(scene, pose, jnp), limit, acceleration, settings.approach_rate)
         gain = law.fraction * -jnp.expm1(-((law.time_to_go / settings.blend_time) ** 2))
         return Encoding(features(scene, pose, wall_length), law.velocity, gain[None])
 

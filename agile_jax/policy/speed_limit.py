@@ -4,8 +4,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.policy.planes import FACES, separating_planes
-from agile_jax.scene import Scene
+from agile_jax.policy.planes import FACES, YAW, separating_planes
+from agile_jax.scene import Scene, turns_freely, yaw_between_bounds
 
 # Pairs of adjacent faces of an obstacle: opposite ones share no edge.
 EDGES = np.array([(f, g) for f in range(FACES) for g in range(FACES) if f // 2 != g // 2]).T
@@ -37,7 +37,7 @@ def brake_before_obstacles(
     parts it soonest.
 
     Args:
-        scene: n obstacles, taken one after the other.
+        scene: of n boxes, taken one after the other.
         pose, velocity, acceleration_limit: shape (4,).
         margin: m [m].
     """
@@ -67,8 +67,11 @@ def brake_before_obstacles(
 def brake_before_bounds(scene: Scene, pose: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array) -> jax.Array:
     """Cut each axis's velocity to what can still be braked before the bounds of the pose. Shape (4,).
 
-    The bounds are walls as the obstacles are: below the lowest height a crouching leg has no room left.
+    The bounds are walls as the obstacles are: below the lowest height a crouching leg has no room left. Bounds of yaw
+    that hold a full circle are none (scene/heading.py).
     """
+    pose = pose.at[YAW].set(yaw_between_bounds(scene, pose[YAW], jnp))
     up = jnp.sqrt(2.0 * acceleration_limit * jnp.maximum(jnp.asarray(scene.upper) - pose, 0.0))
     down = jnp.sqrt(2.0 * acceleration_limit * jnp.maximum(pose - jnp.asarray(scene.lower), 0.0))
-    return jnp.clip(velocity, -down, up)
+    limited = jnp.clip(velocity, -down, up)
+    return limited.at[YAW].set(velocity[YAW]) if turns_freely(scene) else limited

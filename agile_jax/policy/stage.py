@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.dataset import Dataset, DatasetSettings, Split, ask, samples, split_mask
+from agile_jax.dataset import Dataset, DatasetSettings, Split, ask, labels_to, samples, split_mask
 from agile_jax.engine import Engine, open_engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_atomic, write_json
@@ -54,7 +54,7 @@ def train(
     The `field_*` entries of the summary are the kinematic closed loop from unseen starts (held_out.py).
 
     Args:
-        dataset: verified trajectories.
+        dataset: verified trajectories; those to the scene's target are used.
         scene_settings: of the labels.
         expert_settings: bounds of the labels.
         policy_settings, training_settings: what to train, and how.
@@ -69,13 +69,14 @@ def train(
         The summary.
 
     Raises:
-        BadInput: see `fit_policy`.
+        BadInput: no label leads to the scene's target; and see `fit_policy`.
         RuntimeError: a worker failed for good.
     """
     dataset_settings = dataset_settings or DatasetSettings()
     closed_loop, dagger = closed_loop_settings or ClosedLoopSettings(), dagger_settings or DaggerSettings()
     engine = engine or partial(open_engine, "inline")
     scene = make_scene(scene_settings)
+    dataset = labels_to(dataset, scene.target)
     velocity_limit, acceleration_limit = np.array(expert_settings.velocity), np.array(expert_settings.acceleration)
     policy = make_policy(scene, velocity_limit, acceleration_limit, policy_settings)
     training, validation = (

@@ -78,7 +78,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
         Section("environment", "Environment", guarded(lambda: sections.environment_table(run_dir))),
     ]
     path = run_dir / "report.html"
-    subtitle = "From optimal control to a robot that crawls under the table: what this run did, and how well."
+    subtitle = "From optimal control to a robot that walks and crawls to its target: what this run did, and how well."
     write_atomic(path, page(experiment.name, subtitle, parts).encode())
     progress(total, total, "done")
     return path

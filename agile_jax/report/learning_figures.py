@@ -14,6 +14,8 @@ from agile_jax.report.style import BLUE, GREY, ORANGE, dress, legend, new_figure
 from agile_jax.scene import POSE_SIZE, Scene, clearance
 from agile_jax.settings import BadInput
 
+SURROUNDINGS = 1.8  # [m] around target and obstacles, in which the field is drawn
+
 
 def read_metrics(path: pathlib.Path) -> list[dict[str, Any]]:
     """The lines of a `metrics.jsonl`; a torn last line is left out.
@@ -72,9 +74,9 @@ def draw_velocity_field(
         heights: by label [m].
         path: of the PNG.
     """
-    low = np.minimum(scene.target[:2] - 0.6, [-0.8, -1.4])
-    high = np.maximum(scene.target[:2] + 0.6, [0.0, 1.4])
-    low, high = np.maximum(low, scene.lower[:2]), np.minimum(high, scene.upper[:2])
+    places = np.vstack([scene.target[:2], scene.obstacle_centers[:, :2]])
+    low = np.maximum(places.min(0) - SURROUNDINGS, scene.lower[:2])
+    high = np.minimum(places.max(0) + SURROUNDINGS, scene.upper[:2])
     x, y = np.linspace(low[0], high[0], 61), np.linspace(low[1], high[1], 43)
     figure = new_figure(7.4, 3.9 * len(heights) + 0.4)
     panels = np.atleast_1d(figure.subplots(len(heights), 1, sharex=True))

@@ -62,7 +62,7 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
     start = np.array([*inputs.report.paths_start, scene.target[2], scene.target[3]])
     planners: dict[str, tuple[Literal["3d", "2d"], Scene]] = {"3D: may change its height": ("3d", scene)}
     if len(scene.obstacle_centers):
-        planners["2D: keeps its height,\nthe table is a full box"] = ("2d", planar_scene(scene))
+        planners["2D: keeps its height,\nobstacles are full boxes"] = ("2d", planar_scene(scene))
     drawn: dict[str, Trajectory] = {}
     sentences = []
     for label, (planner, world) in planners.items():
@@ -112,7 +112,7 @@ def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
 
 
 def velocity_field(run_dir: pathlib.Path, inputs: Inputs) -> str:
-    """Streamlines of the learned field at the target's height and, under a table, at the height of crawling."""
+    """Streamlines of the learned field at the target's height and, under an obstacle, at the height of crawling."""
     directory = run_dir / "training"
     if not (directory / "checkpoints").is_dir():
         return ""
@@ -184,7 +184,7 @@ def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str
     outcomes = load_outcomes(rows)
     shown = page.picture(
         draw_outcomes(scene, outcomes, figures / f"outcomes_{backend}.png"),
-        "Where the episodes started, and how they ended. The table is brown, the target is the arrow.",
+        "Where the episodes started, and how they ended. Obstacles are brown, the target is the arrow.",
     )
     traces = folder / f"{backend}-traces.npz"
     episode = choose_episode(scene, load_episodes(traces, outcomes)) if traces.is_file() else None
@@ -194,7 +194,7 @@ def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str
     path = draw_episode(scene, episode, limit, figures / f"episode_{backend}.png")
     shown += page.picture(
         path,
-        f"Episode {episode.row} ({episode.outcome}): height of the trunk below the table, speed in the plane, "
+        f"Episode {episode.row} ({episode.outcome}): height of the trunk and what is above it, speed in the plane, "
         "clearance of the torso's envelope, torques of the twelve joints.",
     )
     return shown, *_pictures(run_dir, inputs, scene, episode, backend)
@@ -221,7 +221,7 @@ def _pictures(
             write_mp4(video, frames, settings.frames_per_second)
 
     rendered = render_shot(build_mujoco_model(scene, inputs.robot, SIM_DT), shot, settings, consume)
-    under = "crawls under the table" if went_under(scene, episode) else "moves to the target"
+    under = "crawls under an obstacle" if went_under(scene, episode) else "moves to the target"
     html = ""
     if settings.video:
         html += page.film(

@@ -27,9 +27,9 @@ _TARGET = [0.15, 0.75, 0.30, 0.20]
 def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> mujoco.MjModel:
     """Floor, obstacles, robot, light and cameras.
 
-    Obstacles are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track` (follows the
-    trunk). The robot collides with the floor and with obstacles, never with itself; automatic reset is off. Contact
-    sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that obstacle) and
+    The obstacles' boxes are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track`
+    (follows the trunk). The robot collides with the floor and with obstacles, never with itself; automatic reset is
+    off. Contact sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that box) and
     `touch_floor_<geom>` (trunk, hips, thighs). Others are the robot's feeling: `touch_foot_<leg>`, whatever it touches.
 
     Args:
@@ -119,7 +119,8 @@ def _add_floor_and_light(spec: mujoco.MjSpec) -> None:
 
 
 def _add_obstacle(spec: mujoco.MjSpec, scene: Scene, index: int) -> None:
-    """The box that collides, seen through; one that hangs over the floor also gets a board and thin legs to look at."""
+    """The box that collides, seen through when it hangs over the floor: then it also gets a board to look at, and thin
+    legs when its obstacle has none of its own."""
     center, half, yaw = scene.obstacle_centers[index], scene.obstacle_half_sizes[index], scene.obstacle_yaws[index]
     box, quat = mujoco.mjtGeom.mjGEOM_BOX, _yaw_quat(yaw)
     underside = center[2] - half[2]
@@ -146,6 +147,8 @@ def _add_obstacle(spec: mujoco.MjSpec, scene: Scene, index: int) -> None:
         quat=quat,
         rgba=_WOOD,
     )
+    if (scene.obstacle_numbers == scene.obstacle_numbers[index]).sum() > 1:
+        return
     c, s = np.cos(yaw), np.sin(yaw)
     for corner in ([1, 1], [1, -1], [-1, 1], [-1, -1]):
         local = np.array(corner) * np.maximum(half[:2] - 0.012, 0.0)

@@ -1,5 +1,6 @@
 """The scene: obstacles, target, torso envelope, start distribution and exact clearance."""
 
+from agile_jax.scene.heading import facing, pose_error, turns_freely, yaw_between_bounds
 from agile_jax.scene.scene import POSE_NAMES, POSE_SIZE, Scene, clearance, make_scene, obstacle_clearances, planar_scene
 from agile_jax.scene.settings import BoxSettings, SceneSettings, StartSettings, TableSettings
 from agile_jax.scene.starts import Starts, sample_starts
@@ -14,8 +15,12 @@ __all__ = [
     "Starts",
     "TableSettings",
     "clearance",
+    "facing",
     "make_scene",
     "obstacle_clearances",
     "planar_scene",
+    "pose_error",
     "sample_starts",
+    "turns_freely",
+    "yaw_between_bounds",
 ]

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.geometry import Array, prism_distance, rectangle_distance
-from agile_jax.scene.settings import SceneSettings, TableSettings
+from agile_jax.scene.settings import BoxSettings, SceneSettings, TableSettings
 
 POSE_NAMES = ("x", "y", "z", "yaw")  # the planned pose s [m, m, m, rad]
 POSE_SIZE = len(POSE_NAMES)
@@ -13,11 +13,16 @@ FLAT = 1e-4  # [m] half the room that a fixed height leaves a solver
 
 
 class Scene(NamedTuple):
-    """Obstacles are boxes turned about the vertical. All lengths in [m], angles in [rad]."""
+    """Obstacles are made of n boxes turned about the vertical. All lengths in [m], angles in [rad].
+
+    The boxes of one obstacle follow one another and have one yaw; the first one holds the outline of the others in
+    the plane: a table's slab, then its legs.
+    """
 
     obstacle_centers: np.ndarray  # (n, 3)
     obstacle_half_sizes: np.ndarray  # (n, 3)
     obstacle_yaws: np.ndarray  # (n,)
+    obstacle_numbers: np.ndarray  # (n,) of the obstacle, in the order of the settings, that a box belongs to
     target: np.ndarray  # (4,) pose
     torso_half_size: np.ndarray  # (3,) along the torso's own axes
     lower: np.ndarray  # (4,) bounds of the pose
@@ -26,20 +31,13 @@ class Scene(NamedTuple):
 
 def make_scene(settings: SceneSettings) -> Scene:
     """The scene that `settings` describe, in float64."""
-    centers, halves, yaws = [], [], []
-    for obstacle in settings.obstacles:
-        if isinstance(obstacle, TableSettings):
-            low, high = obstacle.underside, obstacle.top
-            centers.append([*obstacle.position, (low + high) / 2])
-            halves.append([obstacle.size[0] / 2, obstacle.size[1] / 2, (high - low) / 2])
-        else:
-            centers.append(list(obstacle.position))
-            halves.append([size / 2 for size in obstacle.size])
-        yaws.append(obstacle.yaw)
+    boxes = [_boxes(obstacle) for obstacle in settings.obstacles]
+    yaws = [obstacle.yaw for obstacle, parts in zip(settings.obstacles, boxes, strict=True) for _ in parts]
     return Scene(
-        obstacle_centers=np.array(centers, float).reshape(-1, 3),
-        obstacle_half_sizes=np.array(halves, float).reshape(-1, 3),
+        obstacle_centers=np.array([center for parts in boxes for center, _ in parts], float).reshape(-1, 3),
+        obstacle_half_sizes=np.array([half for parts in boxes for _, half in parts], float).reshape(-1, 3),
         obstacle_yaws=np.array(yaws, float),
+        obstacle_numbers=np.array([number for number, parts in enumerate(boxes) for _ in parts], int),
         target=np.array(settings.target),
         torso_half_size=np.array(settings.torso_half_size),
         lower=np.array(settings.lower),
@@ -47,13 +45,30 @@ def make_scene(settings: SceneSettings) -> Scene:
     )
 
 
+def _boxes(obstacle: TableSettings | BoxSettings) -> list[tuple[list[float], list[float]]]:
+    """Centres and half sizes of the boxes that an obstacle is made of, the outermost one first."""
+    if not isinstance(obstacle, TableSettings):
+        return [(list(obstacle.position), [size / 2 for size in obstacle.size])]
+    x, y = obstacle.position
+    low, high = obstacle.underside, obstacle.top
+    boxes = [([x, y, (low + high) / 2], [obstacle.size[0] / 2, obstacle.size[1] / 2, (high - low) / 2])]
+    if obstacle.leg_size is not None:
+        half = [obstacle.leg_size[0] / 2, obstacle.leg_size[1] / 2, low / 2]
+        reach = [obstacle.size[i] / 2 - obstacle.leg_inset - half[i] for i in (0, 1)]
+        cos, sin = np.cos(obstacle.yaw), np.sin(obstacle.yaw)
+        for along, across in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+            dx, dy = along * reach[0], across * reach[1]
+            boxes.append(([x + cos * dx - sin * dy, y + sin * dx + cos * dy, low / 2], half))
+    return boxes
+
+
 def obstacle_clearances(scene: Scene, pose: Array, xp: Any = np) -> Array:
-    """Exact signed distance of the torso's box, turned by its yaw, to each obstacle [m].
+    """Exact signed distance of the torso's box, turned by its yaw, to each of the obstacles' boxes [m].
 
     Positive: Euclidean distance. Negative: minus the penetration depth.
 
     Args:
-        scene: n obstacles.
+        scene: of n boxes.
         pose: [x, y, z, yaw], shape (..., 4) [m, rad].
         xp: numpy or jax.numpy.
 

@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from agile_jax.settings import (
+    NonNegative,
     NonNegativePose,
     Pose,
     Positive,
@@ -17,7 +18,11 @@ from agile_jax.settings import (
 
 
 class TableSettings(Settings):
-    """A slab that blocks everything above `underside`, up to `top`. The robot may pass below."""
+    """A slab that blocks everything above `underside`, up to `top`. The robot may pass below, between the legs.
+
+    The four legs stand in the corners, `leg_inset` within the edges. Without a size of legs there are none, as for the
+    paper's table.
+    """
 
     kind: Literal["table"]
     position: Vector2  # centre in the plane [m]
@@ -25,6 +30,22 @@ class TableSettings(Settings):
     underside: Positive  # [m]
     top: Positive = 0.75  # [m], above everything the robot reaches
     yaw: float = 0.0  # [rad]
+    leg_size: PositiveVector2 | None = None  # full size of each leg along x, along y [m]
+    leg_inset: NonNegative = 0.0  # from the table's edges to the legs [m]
+
+    @model_validator(mode="after")
+    def _legs_fit(self) -> "TableSettings":
+        if self.leg_size is None:
+            if self.leg_inset:
+                raise ValueError(f"leg_inset = {self.leg_inset} needs a leg_size = [.., ..]: the table has no legs")
+            return self
+        for name, size, leg in zip(("x", "y"), self.size, self.leg_size, strict=True):
+            if 2 * (self.leg_inset + leg) >= size:
+                raise ValueError(
+                    f"leg_size = {list(self.leg_size)} with leg_inset = {self.leg_inset} leaves nothing between the "
+                    f"legs along {name}: twice their sum must be below size {size}"
+                )
+        return self
 
     @model_validator(mode="after")
     def _top_is_above(self) -> "TableSettings":

@@ -51,7 +51,7 @@ def test_route_bound_of_a_detour_counts_both_legs():
 
 def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene, settings):
     from agile_jax.expert.arguments import make_arguments
-    from agile_jax.expert.regions import make_free_space
+    from agile_jax.expert.regions import make_free_space, planning_margin
     from agile_jax.expert.routes import find_routes
     from agile_jax.expert.transcription import build_program, solve_program
 
@@ -63,9 +63,11 @@ def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene
             phases = len(route.regions)
             if phases > 3:
                 continue
-            program = programs.setdefault((phases, condition), build_program(phases, condition, settings))
-            arguments = make_arguments(route, program, start, scene.target, settings)
-            trajectory, objective, success, _ = solve_program(program, arguments)
+            program = programs.setdefault((phases, condition), build_program([False] * phases, condition, settings))
+            arguments = make_arguments(
+                route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight
+            )
+            trajectory, objective, success, *_ = solve_program(program, arguments)
             assert success
             assert route.duration_bound <= trajectory.times[-1] + 1e-6
             assert route.objective_bound <= objective + 1e-6

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, check_start, compare_planners, make_expert, minimum_time
-from agile_jax.expert.regions import footprint, footprint_range, holds, make_free_space
+from agile_jax.expert.footprint import footprint, footprint_range
+from agile_jax.expert.regions import make_free_space, regions_around
 from agile_jax.expert.routes import find_routes
 from agile_jax.expert.separation import clip, planar_separation
 from agile_jax.geometry import rectangle_distance
@@ -57,7 +58,19 @@ def test_footprint_range():
     assert footprint(half, (0.0, 0.0)) == pytest.approx(half[:2])
 
 
-@pytest.mark.parametrize("obstacles", [[TABLE | {"yaw": 0.5}], [TABLE, *BOXES], [TABLE]])
+LEGS = {"size": [0.9, 1.1], "leg_size": [0.05, 0.08]}
+
+
+@pytest.mark.parametrize(
+    "obstacles",
+    [
+        [TABLE | {"yaw": 0.5}],
+        [TABLE, *BOXES],
+        [TABLE],
+        [TABLE | LEGS],
+        [TABLE | LEGS | {"yaw": 2.0, "leg_inset": 0.1}, BOXES[0]],
+    ],
+)
 def test_every_free_pose_is_in_a_region_and_regions_are_free(obstacles):
     """Exact regions: what they hold keeps the margin, and every start that keeps it is held."""
     scene = make_scene(SceneSettings(obstacles=obstacles))
@@ -66,7 +79,7 @@ def test_every_free_pose_is_in_a_region_and_regions_are_free(obstacles):
     for _ in range(150):
         pose = generator.uniform([0.3, -1.2, 0.156, -0.8], [2.7, 1.2, 0.319, 0.8])
         space = make_free_space(scene, SETTINGS, pose, exact=True)
-        held = any(holds(space, region, pose) for region in space.regions)
+        held = bool(regions_around(space, pose))
         assert held == bool(clearance(scene, pose) >= SETTINGS.clearance_margin + 5e-4)
         free += held
     assert free > 20

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from motion import largest_difference
 
-from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time
+from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time, planning_margin
 from agile_jax.expert.arguments import make_arguments
 from agile_jax.expert.footprint import footprint
 from agile_jax.expert.regions import make_free_space
@@ -94,12 +94,14 @@ def test_label_does_not_depend_on_guess_or_solver(scene, settings, condition):
     found = []
     generator = np.random.default_rng(0)
     for solver in ("fatrop", "ipopt"):
-        program = build_program(len(route.regions), condition, settings, solver)
-        arguments = make_arguments(route, program, start, scene.target, settings)
+        program = build_program([False] * len(route.regions), condition, settings, solver)
+        arguments = make_arguments(
+            route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight
+        )
         for trial in range(3):
             noise = 0.05 * trial * generator.standard_normal(arguments.guess.shape)
             guess = np.clip(arguments.guess + noise, arguments.lower, arguments.upper)
-            trajectory, _, success, _ = solve_program(program, arguments._replace(guess=guess))
+            trajectory, _, success, *_ = solve_program(program, arguments._replace(guess=guess))
             assert success
             found.append(trajectory)
     for other in found[1:]:

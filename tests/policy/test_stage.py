@@ -38,6 +38,7 @@ def straight_lines(count: int = 40, nodes: int = 30) -> Dataset:
         states=states,
         controls=acceleration * error[:, None],
         starts=starts,
+        targets=np.tile(TARGET, (count, 1)),
         durations=durations,
         lower_bounds=durations,
         branches=np.full(count, "direct"),

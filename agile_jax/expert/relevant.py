@@ -1,0 +1,55 @@
+"""The obstacles that matter for one start: those that the path would otherwise meet.
+
+The number of regions grows with six to the power of the number of obstacles, yet a path has to do with few of them. So
+a start is solved among some of the obstacles, at first among none. Leaving obstacles out only enlarges the free space:
+when the best path clears those that were left out as well, it is the best among all, and when there is none, there is
+none among all. Otherwise what it meets first is added, and the start is solved again. Before a path is left to the
+general program, which takes long, the straight lines along its route are tried in its place.
+
+An obstacle is one of the settings: the slab and the legs of a table are taken together, and all arrays are per box.
+"""
+
+import itertools
+
+import numpy as np
+
+from agile_jax.scene import Scene, obstacle_clearances
+
+LINE = 40  # poses on a straight line
+FEW = 2  # obstacles, of which those in the way are taken at once: they are nearly always met
+
+
+def first_obstacles(scene: Scene, start: np.ndarray, margin: float) -> np.ndarray:
+    """Which obstacles to begin with: of few those that, grown by torso and margin, reach into the box around start and
+    target; else none. Shape (n,), bool."""
+    if len(set(scene.obstacle_numbers.tolist())) > FEW:
+        return np.zeros(len(scene.obstacle_centers), bool)
+    low, high = np.minimum(start, scene.target)[:3], np.maximum(start, scene.target)[:3]
+    torso = np.array([*[np.hypot(*scene.torso_half_size[:2])] * 2, scene.torso_half_size[2]])
+    half = scene.obstacle_half_sizes.copy()
+    half[:, :2] = np.hypot(half[:, 0], half[:, 1])[:, None]  # at any yaw
+    reach = half + torso + margin
+    near = ((scene.obstacle_centers + reach > low) & (scene.obstacle_centers - reach < high)).all(1)
+    return np.isin(scene.obstacle_numbers, scene.obstacle_numbers[near])
+
+
+def with_obstacles(scene: Scene, chosen: np.ndarray) -> Scene:
+    """The scene with some of its boxes, shape (n,), bool."""
+    fields = {name: getattr(scene, name)[chosen] for name in scene._fields if name.startswith("obstacle_")}
+    return scene._replace(**fields)
+
+
+def along(points: np.ndarray) -> np.ndarray:
+    """Poses on the straight lines between points, shape (p, 4)."""
+    shares = np.linspace(0, 1, LINE, endpoint=False)[:, None]
+    lines = [a + shares * (b - a) for a, b in itertools.pairwise(points)]
+    return np.concatenate([*lines, points[-1:]])
+
+
+def first_met(scene: Scene, poses: np.ndarray, margin: float) -> int | None:
+    """The number (`Scene.obstacle_numbers`) of the obstacle that a path through poses, shape (m, 4), is the first to
+    come nearer to than the margin."""
+    near = obstacle_clearances(scene, poses) < margin
+    if not near.any():
+        return None
+    return int(scene.obstacle_numbers[np.argmin(np.where(near.any(0), near.argmax(0), len(poses)))])
