@@ -184,9 +184,13 @@ def _prepare(
             parameters = parameters._replace(normalization=parameters.normalization._replace(scale=scale))
         states.append(TrainState(parameters, optimizer.init(parameters.network), jnp.int32(0)))
         keys.append(order_key)
-    stacked = jax.tree.map(lambda *leaves: jnp.stack(leaves), *states)
-    placed: tuple = jax.device_put((stacked, jnp.stack(keys), samples, held_out), device_sharding(settings.devices))
-    return placed
+    stacked = jax.tree.map(lambda *leaves: np.stack(leaves), *states)
+    everything = stacked, np.stack([jax.random.key_data(key) for key in keys]), samples, held_out
+    # From the host: devices of other processes cannot be reached from a device of this one.
+    state, raw_keys, samples, held_out = jax.device_put(
+        jax.tree.map(np.asarray, everything), device_sharding(settings.devices)
+    )
+    return state, jax.random.wrap_key_data(raw_keys), samples, held_out
 
 
 def _row(losses: np.ndarray, validation: np.ndarray, number: int) -> dict[str, Any]:

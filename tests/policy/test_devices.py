@@ -4,6 +4,7 @@ import contextlib
 import json
 import os
 import pathlib
+import socket
 import subprocess
 import sys
 
@@ -64,6 +65,32 @@ def test_four_devices_give_the_result_of_one_and_take_up_each_others_checkpoints
     assert_close(to_one, uninterrupted)
 
 
+@pytest.mark.slow
+def test_two_processes_give_the_result_of_one(uninterrupted, tmp_path):
+    """As on two hosts with a shared folder (docs/cluster.md), by jax.distributed over the loopback interface."""
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    environment = dict(os.environ) | {"JAX_PLATFORMS": "cpu"}
+    environment.pop("XLA_FLAGS", None)
+    command = [sys.executable, str(pathlib.Path(__file__)), str(tmp_path), address]
+    processes = [subprocess.Popen([*command, str(number)], env=environment) for number in range(2)]
+    try:
+        assert [process.wait(300) for process in processes] == [0, 0]
+    finally:
+        for process in processes:
+            process.kill()
+    for a, b in zip(parameters_in(tmp_path), parameters_in(uninterrupted), strict=True):
+        np.testing.assert_allclose(a, b, atol=1e-6)
+
+
+def train_on_two_hosts(directory: pathlib.Path, address: str, number: int) -> None:
+    jax.distributed.initialize(address, 2, number)
+    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    two = BRIEF.model_copy(update={"devices": 2})
+    fit_policy(policy, smooth_labels(500), smooth_labels(100, 1), two, IDENTITY, 3, directory)
+
+
 def test_too_few_devices_are_refused(tmp_path):
     policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
     settings = BRIEF.model_copy(update={"devices": 64})
@@ -71,7 +98,9 @@ def test_too_few_devices_are_refused(tmp_path):
         fit_policy(policy, smooth_labels(500), smooth_labels(100, 1), settings, IDENTITY, 0, tmp_path)
 
 
-if __name__ == "__main__":  # in the process with four devices
+if __name__ == "__main__" and len(sys.argv) > 2:
+    train_on_two_hosts(pathlib.Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]))
+elif __name__ == "__main__":  # in the process with four devices
     four = BRIEF.model_copy(update={"devices": 4})
     policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
     labels = smooth_labels(500), smooth_labels(100, 1)
