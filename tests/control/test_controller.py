@@ -59,7 +59,8 @@ def test_leg_inertia_is_mujocos():
     data = random_state(0)
     mujoco.mj_forward(model(), data)
     mass = np.zeros((18, 18))
-    mujoco.mj_fullM(model(), mass, data.qM)
+    for column, unit in enumerate(np.eye(18)):
+        mujoco.mj_mulM(model(), data, mass[column], unit)
     inertia = leg_inertia(ROBOT, data.qpos[7:19].astype(np.float32))
     for leg in range(4):
         block = slice(6 + 3 * leg, 9 + 3 * leg)
