@@ -10,6 +10,7 @@ import sys
 import time
 from collections.abc import Callable
 
+import numpy as np
 import pytest
 
 from agile_jax.cli import COMMANDS, main
@@ -175,6 +176,38 @@ def test_expert_runs_and_is_reused_and_refused(folder: pathlib.Path, call: Call)
     code, _, err = call("rollout", "runs/n", "--start", "0", "0", "0.28", "0")
     assert code == 2
     assert "training is not finished" in err
+
+
+def test_rollout_replays_what_an_unstable_episode_left(folder: pathlib.Path, call: Call) -> None:
+    from agile_jax.evaluation.store import save_traces
+    from agile_jax.simulation import Trace
+
+    qpos = np.zeros((5, 19))
+    qpos[:, 2], qpos[:, 3] = [0.3, 0.31, 0.4, 0.9, np.nan], 1.0
+    qvel = np.zeros((5, 18))
+    qvel[3, 2] = 25.0
+    trace = Trace(np.arange(1, 6) / 50, qpos, qvel, np.full((5, 12), 3.0), np.zeros((5, 8)), np.ones(5))
+    (folder / "done").mkdir()
+    (folder / "done" / "experiment.toml").write_text((folder / "good.toml").read_text())
+    save_traces(folder / "episode.npz", [trace])
+    code, out, _ = call("rollout", "done", "--replay", "episode.npz")
+    assert code == 0
+    assert dict(line.split() for line in out.splitlines()) == {
+        "from_s": "0.02",
+        "to_s": "0.1",
+        "first_bad_sample_s": "0.1",
+        "last_good_height_m": "0.9",
+        "largest_speed_m_s": "25",
+        "largest_joint_speed_rad_s": "0",
+        "largest_torque_nm": "3",
+        "reference_is_finite": "True",
+    }
+    code, _, err = call("rollout", "done", "--replay", "good.toml")
+    assert code == 2
+    assert "good.toml: holds no recorded episodes" in err
+    code, _, err = call("rollout", "done")
+    assert code == 2
+    assert "either --start X Y Z YAW or --replay FILE" in err
 
 
 @pytest.mark.parametrize("labels", ["rest", "free"])

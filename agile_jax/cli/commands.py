@@ -151,7 +151,7 @@ def rollout(argv: list[str]) -> int:
         with _progress() as progress:
             result = run_episode(run_dir, options.start, options.video, progress)
     for key, value in result.items():
-        print(f"{key:<24}{_number(value)}")
+        print(f"{key:<28}{_number(value)}")
     return DONE
 
 

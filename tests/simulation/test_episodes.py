@@ -12,6 +12,7 @@ from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes,
 from agile_jax.scene import Scene, SceneSettings, make_scene
 from agile_jax.simulation import (
     OUTCOME_NAMES,
+    LastStates,
     MjxSlots,
     MujocoPhysics,
     MujocoSlots,
@@ -122,6 +123,20 @@ def test_traces_end_with_their_episodes_and_hold_what_was_simulated(recorded: tu
         assert np.abs(trace.torque).max() <= 33.5 + 1e-4
     collided = traces[1]
     assert collided.clearance[-1] < 0.1 < collided.clearance[0]
+
+
+def test_the_last_states_of_an_unstable_episode_are_kept():
+    """Ten plans, then a NaN command, in a slot that held another episode before."""
+    _, compiled, model = parts()
+    with MujocoPhysics(model, 1, 1) as physics:
+        running = MujocoSlots(compiled, physics, jnp.float32(1.0))
+        last = LastStates(running, plans=5)
+        gather(2, stream(running, standing(STARTS[2:]), LIMITS[2:], last))
+        trace = last.trace(1, 0.5, scene(), CONTROL.plan_dt)
+    assert trace.time[-1] == 0.5
+    assert 1 <= len(trace.time) <= 5
+    assert np.isfinite(trace.qpos[:-1]).all()
+    assert not np.isfinite(trace.qpos[-1]).all()
 
 
 def test_results_do_not_depend_on_threads_or_slots(reference: Rollout):
