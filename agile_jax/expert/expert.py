@@ -141,21 +141,23 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
 
         Where it takes the general program, its first path, or the straight lines along it, decide what it meets.
         """
-        scene, others = with_obstacles(world, chosen), with_obstacles(world, ~chosen)
+        everything = bool(chosen.all())
+        scene = world if everything else with_obstacles(world, chosen)
         bound = lower_bound(start, scene.target, settings, condition)
         profile = slowest_axis(start, scene.target, settings, condition)
         boxes = boxes_suffice(scene, start)
 
         def met(poses: np.ndarray) -> int | None:
-            return None if chosen.all() else first_met(others, poses, settings.clearance_margin)
+            return first_met(with_obstacles(world, ~chosen), poses, settings.clearance_margin)
 
         def met_by(candidate: Candidate) -> int | None:
-            return None if chosen.all() else met(dense_poses(candidate.trajectory, scheme=settings.transcription))
+            return None if everything else met(dense_poses(candidate.trajectory, scheme=settings.transcription))
 
         def solution(best: Candidate, solved: list[tuple[str, float]]) -> ExpertSolution | int:
-            if (other := met_by(best)) is not None:
+            other = met_by(best)
+            if other is not None:
                 return other
-            if not chosen.all():
+            if not everything:
                 best = best._replace(residuals=verify(world, settings, best.trajectory, start, condition))
             return _solution(best, bound, solved)
 
@@ -182,7 +184,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             for tried, route in enumerate(split_turns(space, routes, start, scene.target, settings, condition)):
                 if tried == settings.max_routes or route.objective_bound > most():
                     break
-                if not candidates and not causes:
+                if not (everything or candidates or causes):
                     sketch = along(waypoints(route, start, scene.target))
                     if (other := met(sketch)) is not None:
                         return other

@@ -30,7 +30,9 @@ def first_obstacles(scene: Scene, start: np.ndarray, margin: float) -> np.ndarra
     half[:, :2] = np.hypot(half[:, 0], half[:, 1])[:, None]  # at any yaw
     reach = half + torso + margin
     near = ((scene.obstacle_centers + reach > low) & (scene.obstacle_centers - reach < high)).all(1)
-    return np.isin(scene.obstacle_numbers, scene.obstacle_numbers[near])
+    numbers = scene.obstacle_numbers.tolist()
+    met = {number for number, is_near in zip(numbers, near.tolist(), strict=True) if is_near}
+    return np.array([number in met for number in numbers], bool)
 
 
 def with_obstacles(scene: Scene, chosen: np.ndarray) -> Scene:
