@@ -138,7 +138,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
             for tried, route in enumerate(routes):
                 if tried == settings.max_routes or route.objective_bound > least * (1 + TIE):
                     break
-                candidate = ladder.solve(space, route, start, condition, profile, first, guess)
+                candidate = ladder.solve(space, route, start, condition, profile, first, guess, least)
                 if isinstance(candidate, str):
                     causes.append(f"{len(route.regions)} phases: {candidate}")
                     continue

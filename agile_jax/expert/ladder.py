@@ -20,6 +20,7 @@ from agile_jax.scene import POSE_SIZE, Scene
 FEWEST_INTERVALS = 4  # in a phase around no edge
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
 SMOOTH = 10  # factor on the weight of the effort, from which a route with detours is approached
+HOPELESS = 1e-2  # relative; the last step from the smoother problem lowers the objective by 0.1 to 0.2 %
 CERTIFIED = "certified"  # the method of labels from the fast path
 
 
@@ -56,7 +57,7 @@ class Ladder:
 
     def __init__(self, scene: Scene, settings: ExpertSettings) -> None:
         self._scene, self._settings = scene, settings
-        self._programs: dict[tuple[tuple[bool, ...], str, str, int], Any] = {}
+        self._programs: dict[tuple[tuple[Any, ...], str, str, bool], Any] = {}
 
     def solve(
         self,
@@ -67,6 +68,7 @@ class Ladder:
         profile: Profile | None,
         first: str = "fatrop",
         guess: int = 0,
+        rival: float = np.inf,
     ) -> Candidate | str:
         """The verified solution along a route, or why there is none.
 
@@ -78,14 +80,15 @@ class Ladder:
             profile: of the slowest axis.
             first: name of the rung to begin with; those before it are tried last.
             guess: 0 for the usual initial guess; other numbers disturb it, each in its own way.
+            rival: an objective that is already had; a route with detours that stays well above it is given up.
         """
-        from agile_jax.expert.arguments import disturbed, make_arguments
-        from agile_jax.expert.transcription import Solved, solve_program, split_nodes
+        from agile_jax.expert.arguments import disturbed, faces_with_rows, make_arguments
+        from agile_jax.expert.transcription import Phase, Solved, solve_program, split_nodes
 
         scene, settings = self._scene, self._settings
-        edges = tuple(len(region.edge) > 0 for region in route.regions)
-        if split_nodes(settings.nodes, edges)[-1] < FEWEST_INTERVALS:  # the last phase is around no edge
-            return f"{settings.nodes} nodes are too few for {len(edges)} phases"
+        phases = tuple(Phase(len(region.edge) > 0, len(faces_with_rows(region))) for region in route.regions)
+        if split_nodes(settings.nodes, phases)[-1] < FEWEST_INTERVALS:  # the last phase is around no edge
+            return f"{settings.nodes} nodes are too few for {len(phases)} phases"
         causes: list[str] = []
 
         def climb(
@@ -93,7 +96,7 @@ class Ladder:
         ) -> tuple[Solved, Residuals, Rung] | None:
             """The first rung's solution that is good, from the guess or from another solution."""
             for rung in rungs:
-                program = self._program(edges, initial_velocity, rung.solver, len(space.sides) if space.exact else 0)
+                program = self._program(phases, initial_velocity, rung.solver, space.exact)
                 arguments = make_arguments(
                     route,
                     space.margin,
@@ -128,6 +131,9 @@ class Ladder:
             if found is None:
                 return "; ".join(causes)
             near, _, rung = found
+            duration = near.trajectory.times[-1]
+            if duration + (near.objective - duration) / SMOOTH > rival * (1 + HOPELESS):
+                return "another route is better"
             used, rungs = [rung], RUNGS
         found = climb(rungs, settings.effort_weight, near)
         if found is None:
@@ -136,7 +142,7 @@ class Ladder:
         used.append(rung)
         if route.detours and profile is not None and solved.trajectory.times[-1] <= profile.duration * (1 + NEARLY):
             # The profile told nothing about these boundaries; now that they are known, its switches can be nodes.
-            boundaries = solved.trajectory.times[np.cumsum([0, *split_nodes(settings.nodes, edges)])]
+            boundaries = solved.trajectory.times[np.cumsum([0, *split_nodes(settings.nodes, phases)])]
             found = climb(RUNGS, settings.effort_weight, solved, boundaries)
             if found is not None and found[0].objective < solved.objective:
                 solved, residuals, _ = found
@@ -144,13 +150,12 @@ class Ladder:
         method = max(used, key=RUNGS.index).name
         return Candidate(branch, route.detours, solved.trajectory, solved.objective, residuals, method)
 
-    def _program(self, edges: tuple[bool, ...], initial_velocity: str, solver: str, obstacles: int) -> Any:
+    def _program(self, phases: tuple[Any, ...], initial_velocity: str, solver: str, exact: bool) -> Any:
         # CasADi is loaded by the first solve: settings, verification and free space are read without it.
         from agile_jax.expert.transcription import build_program
 
-        key = (edges, initial_velocity, solver, obstacles)
+        key = (phases, initial_velocity, solver, exact)
         if key not in self._programs:
-            self._programs[key] = build_program(
-                edges, initial_velocity, self._settings, solver, obstacles, self._scene.torso_half_size
-            )
+            half_size = self._scene.torso_half_size if exact else None
+            self._programs[key] = build_program(phases, initial_velocity, self._settings, solver, half_size)
         return self._programs[key]

@@ -11,8 +11,10 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from agile_jax.expert.braking import sharpen
+from agile_jax.expert.footprint import footprint_range
 from agile_jax.expert.minimum_time import route_bounds
-from agile_jax.expert.regions import FreeSpace, Side
+from agile_jax.expert.regions import FreeSpace, Side, half_space_box
 from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
 
@@ -35,7 +37,10 @@ def split_turns(
         while waiting and waiting[0][0] <= route.objective_bound:
             yield heapq.heappop(waiting)[-1]
         for part in _parts(space, route, start, target, settings, initial_velocity):
+            part = sharpen(space, part, start, target, settings, initial_velocity)
             heapq.heappush(waiting, (part.objective_bound, next(count), part))
+        while waiting and waiting[0][0] <= route.objective_bound:
+            yield heapq.heappop(waiting)[-1]
     while waiting:
         yield heapq.heappop(waiting)[-1]
 
@@ -60,6 +65,7 @@ def _parts(
         for boundary, (low, high) in zip(route.boundaries, chosen, strict=True):
             lower, upper = boundary.lower.copy(), boundary.upper.copy()
             lower[3], upper[3] = max(lower[3], low), min(upper[3], high)
+            lower, upper = _reached(space, boundary.pin, lower, upper)
             boundaries.append(boundary._replace(lower=lower, upper=upper))
         boxes = [(boundary.lower, boundary.upper) for boundary in boundaries]
         bounds = route_bounds(start, boxes, target, settings, initial_velocity)
@@ -75,6 +81,16 @@ def _intervals(space: FreeSpace, pin: Side, low: float, high: float) -> list[Int
     widest = [ahead + sign * diagonal + turn * np.pi for sign in (-1, 1) for turn in range(-3, 4)]
     cuts = sorted(float(yaw) for yaw in widest if low + NARROW < yaw < high - NARROW)
     return list(itertools.pairwise([-np.inf, *cuts, np.inf]))
+
+
+def _reached(space: FreeSpace, pin: Side, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What of a box of poses lies where the torso, at its yaws, can touch a pin's face."""
+    if pin.normal[:2].any():
+        least, most = footprint_range(space.half_size, pin.normal, (lower[3], upper[3]))
+        offset = pin.value - pin.least
+        lower, upper = half_space_box(pin.normal, offset + least, lower, upper)
+        lower, upper = half_space_box(-pin.normal, -offset - most, lower, upper)
+    return np.minimum(lower, upper), upper
 
 
 def _turns_on(pins: Sequence[Side], chosen: Sequence[Interval], increasing: bool) -> bool:
