@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.expert.certified import CertifiedSolver, applies, make_certified_solver, solve_certified
-from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
+from agile_jax.expert.ladder import CERTIFIED, VIOLATION, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
 from agile_jax.expert.regions import (
@@ -144,7 +144,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
                     continue
                 candidates.append(candidate)
                 least = min(least, candidate.objective)
-            if not any("_violation" in cause for cause in causes):
+            if not any(VIOLATION in cause for cause in causes):
                 break
         seconds = time.perf_counter() - began
         if not candidates:

@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.expert.profile import Profile
-from agile_jax.expert.regions import FreeSpace
+from agile_jax.expert.regions import FreeSpace, planning_margin
 from agile_jax.expert.routes import Route, branch_name
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Residuals, Trajectory
@@ -20,7 +20,8 @@ from agile_jax.scene import POSE_SIZE, Scene
 FEWEST_INTERVALS = 4  # in a phase around no edge
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
 SMOOTH = 10  # factor on the weight of the effort, from which a route with detours is approached
-HOPELESS = 1e-2  # relative; the last step from the smoother problem lowers the objective by 0.1 to 0.2 %
+HOPELESS = 1e-2  # relative; the step from the smoother problem to the label changes the objective by about 0.1 %
+VIOLATION = "_violation"  # in the cause of what leaves its bounds, or the margin, at or between nodes
 CERTIFIED = "certified"  # the method of labels from the fast path
 
 
@@ -120,6 +121,8 @@ class Ladder:
                 if solved.success and not cause:
                     return solved, residuals, rung
                 causes.append(f"{rung.name}: " + (cause if solved.success else f"status {solved.status}"))
+                if solved.success and VIOLATION in cause and space.margin < planning_margin(settings):
+                    break  # the other rungs would not do better, a larger reserve will
             return None
 
         begin = [rung.name for rung in RUNGS].index(first)

@@ -10,8 +10,8 @@ accounts of it:
 - exact: faces keep the obstacle's yaw, and the footprint is that of the yaw at hand (rows of the program). Boxes around
   these regions serve the search for routes and its lower bounds.
 
-A pose can keep the margin without being beyond any face, diagonally off an edge: such a start or target gets a side of
-its own.
+Around an edge two sides make a square corner; edges.py rounds it. A pose can keep the margin without being beyond any
+face, diagonally off an edge: such a start or target gets a side of its own.
 """
 
 from collections.abc import Sequence
@@ -27,8 +27,8 @@ from agile_jax.geometry import rotation_2d
 from agile_jax.scene import POSE_SIZE, Scene, obstacle_clearances
 from agile_jax.settings import BadInput
 
-# The path between two nodes is a parabola that leaves the box of its end points by at most a h^2 / 8: 0.4 mm for 1.5
-# m/s^2 and 46 ms.
+# Where only nodes are bounded: the path between two is a parabola that leaves the box of its end points by at most
+# a h^2 / 8, 0.4 mm for 1.5 m/s^2 and 46 ms.
 TIGHTENING = 5e-4  # [m]
 ROUNDING_ERRORS = 1e-6  # [m] what the solver's tolerance needs
 CONTAINMENT = 1e-9  # [m]
@@ -81,7 +81,8 @@ class FreeSpace(NamedTuple):
 
 
 def planning_margin(settings: ExpertSettings) -> float:
-    """Clearance that the plan keeps at its nodes, so that the path between them keeps `clearance_margin` [m]."""
+    """Clearance that starts and targets need, and that the fast path keeps at its nodes, so that the path between them
+    keeps `clearance_margin` [m]."""
     return settings.clearance_margin + TIGHTENING
 
 

@@ -16,7 +16,13 @@ In a phase around an edge (edges.py) n is between two normals, at an angle that 
 Bernstein coefficients of the interval. The structure depends on which phases are around edges, on how many faces
 have rows in each, and on the settings; one program serves all routes that agree in it.
 Rates are bounded at the nodes, which is enough where they are linear; a rate that is quadratic over an interval also
-keeps its middle Bernstein coefficient, s' + h u / 2, within the bound, hence the whole of it.
+keeps its middle Bernstein coefficient, s' + h u / 2, within the bound, hence the whole of it. Poses are bounded by the
+inner Bernstein coefficients of each interval and, at the boundaries of phases, by the nodes: all other nodes lie
+between two such coefficients, so that regions hold between nodes, too. (Rows of a turning torso are not linear in its
+pose; there it holds up to r yaw'^2 h^2 / 8, and the verifier decides.)
+
+FATROP drops rows whose bounds are both infinite, but keeps their last multipliers: which rows there are must depend on
+the program alone, or labels would depend on what was solved before.
 """
 
 from collections.abc import Sequence
