@@ -14,6 +14,8 @@ from agile_jax.expert.regions import FreeSpace
 from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
 
+SHORTEST = 1e-9  # [s]
+
 
 def sharpen(
     space: FreeSpace,
@@ -24,6 +26,8 @@ def sharpen(
     initial_velocity: str,
 ) -> Route:
     """The route with bounds that know of the braking, none lower than before."""
+    if not route.boundaries:
+        return route
     boxes = [(boundary.lower, boundary.upper) for boundary in route.boundaries]
     forward, backward = laziest_points(start, boxes), laziest_points(target, boxes[::-1])
     limits = list(zip(space.lower, space.upper, strict=True))
@@ -35,7 +39,7 @@ def sharpen(
         duration = max(duration, arrival + departure)
     # The objective's bound is T + c / T^3 with c from the effort, which increases with T.
     effort = (route.objective_bound - route.duration_bound) * route.duration_bound**3
-    return route._replace(duration_bound=duration, objective_bound=duration + effort / duration**3)
+    return route._replace(duration_bound=duration, objective_bound=duration + effort / max(duration, SHORTEST) ** 3)
 
 
 def _time(points: np.ndarray, axis: int, limits: tuple[float, float], settings: ExpertSettings, first: str) -> float:
