@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from agile_jax.expert.profile import Profile, make_grid
+from agile_jax.expert.regions import Region
 from agile_jax.expert.routes import Route, waypoints
 from agile_jax.expert.schemes import LINEAR
 from agile_jax.expert.settings import ExpertSettings
@@ -48,7 +49,7 @@ def make_arguments(
     """
     points = waypoints(route, start, target)
     velocity, acceleration = np.array(settings.velocity), np.array(settings.acceleration)
-    edges = np.array(program.edges)
+    edges = [phase.edge for phase in program.phases]
     times = np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1)
     times = slowness * np.where(edges, times / CROSSING, times + np.max(velocity / acceleration) / 2)
     linear = program.scheme in LINEAR
@@ -89,14 +90,14 @@ def make_arguments(
             target_list.append(rows.ravel()[:-POSE_SIZE] if last else np.append(rows.ravel(), extra))
     lower_rows, upper_rows = _row_bounds(route, program, velocity)
     fractions = _fractions(route, program, profile, settings, boundaries)
-    faces = [region.faces if len(region.faces) else np.empty((0, 4)) for region in route.regions]
+    faces = [face for region in route.regions for face in faces_with_rows(region)]
     rounded = [np.append(region.edge, margin) for region in route.regions if len(region.edge)]
     parameters = np.concatenate(
         [
             start,
             target,
             *(_pin_parameters(pin) for pin in route.pins),
-            *(face.ravel() if program.obstacles else np.empty(0) for face in faces),
+            *faces,
             *rounded,
             fractions,
             [weight],
@@ -104,6 +105,11 @@ def make_arguments(
     )
     ends = np.concatenate(guess), np.concatenate(lower), np.concatenate(upper)
     return Arguments(*ends, lower_rows, upper_rows, parameters, fractions)
+
+
+def faces_with_rows(region: Region) -> list[np.ndarray]:
+    """The faces, each (4,), that the torso's corners must keep beyond; the others are bounds."""
+    return [face for face in region.faces if face[:3].any()]
 
 
 def disturbed(arguments: Arguments, seed: int) -> Arguments:
@@ -135,19 +141,16 @@ def _row_bounds(route: Route, program: Program, velocity: np.ndarray) -> tuple[n
     """Bounds of all rows, (m,) and (m,)."""
     firsts = np.cumsum([0, *program.intervals])[:-1]
     lower, upper = [], []
-    asked: dict[tuple[str, int, int], int] = {}
+    touched: dict[tuple[int, int], int] = {}
     for kind, node, phase, count in program.constraints:
-        if kind in ("face", "touch"):
-            obstacle = asked.get((kind, node, phase), 0)
-            asked[kind, node, phase] = obstacle + 1
-            face = route.regions[phase].faces[obstacle % program.obstacles]
-            slack = 0.0
-            if kind == "touch":  # the pin may put the torso on this very face
-                pin = route.pins[int(np.searchsorted(firsts, node)) - 1]
-                slack = float(np.array_equal(pin.row, face))
-            lower += [-slack if face[:3].any() else -np.inf] * count
+        if kind == "touch":
+            face = faces_with_rows(route.regions[phase])[touched.get((node, phase), 0)]
+            touched[node, phase] = touched.get((node, phase), 0) + 1
+            # The pin may put the torso on this very face.
+            pin = route.pins[int(np.searchsorted(firsts, node)) - 1]
+            lower += [-float(np.array_equal(pin.row, face))] * count
             upper += [np.inf] * count
-        elif kind == "edge":
+        elif kind in ("face", "edge"):
             lower += [0.0] * count
             upper += [np.inf] * count
         elif kind == "rate":

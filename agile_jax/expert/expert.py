@@ -13,7 +13,7 @@ import numpy as np
 from agile_jax.expert.branches import branch_name, branch_rank
 from agile_jax.expert.certified import CertifiedSolver, Task, applies, make_certified_solver, solve_certified
 from agile_jax.expert.ends import check_target
-from agile_jax.expert.ladder import CERTIFIED, Candidate, Ladder
+from agile_jax.expert.ladder import CERTIFIED, VIOLATION, Candidate, Ladder
 from agile_jax.expert.minimum_time import lower_bound
 from agile_jax.expert.profile import Profile, slowest_axis
 from agile_jax.expert.regions import (
@@ -188,7 +188,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
                     sketch = along(waypoints(route, start, scene.target))
                     if (other := met(sketch)) is not None:
                         return other
-                candidate = ladder.solve(world, scene, space, route, start, condition, profile, first, guess)
+                candidate = ladder.solve(world, scene, space, route, start, condition, profile, first, guess, least)
                 if isinstance(candidate, str):
                     causes.append(f"{len(route.regions)} phases: {candidate}")
                     continue
@@ -196,7 +196,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
                     return other
                 candidates.append(candidate)
                 least = min(least, candidate.objective)
-            if not any("_violation" in cause for cause in causes):
+            if not any(VIOLATION in cause for cause in causes):
                 break
         if not candidates:
             cause = "not solved: " + "; ".join(causes) if causes else NO_ROUTE

@@ -11,7 +11,7 @@ import numpy as np
 
 from agile_jax.expert.branches import branch_name
 from agile_jax.expert.profile import Profile
-from agile_jax.expert.regions import FreeSpace
+from agile_jax.expert.regions import FreeSpace, planning_margin
 from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Residuals, Trajectory
@@ -22,6 +22,8 @@ FEWEST_INTERVALS = 4  # in a phase around no edge
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
 MOST_PROGRAMS = 8  # kept: each takes 10 to 20 MB, so that they bound the memory of a worker
 SMOOTH = 10  # factor on the weight of the effort, from which a route with detours is approached
+HOPELESS = 1e-2  # relative; the step from the smoother problem to the label changes the objective by about 0.1 %
+VIOLATION = "_violation"  # in the cause of what leaves its bounds, or the margin, at or between nodes
 CERTIFIED = "certified"  # the method of labels from the fast path
 
 
@@ -58,7 +60,7 @@ class Ladder:
 
     def __init__(self, torso_half_size: np.ndarray, settings: ExpertSettings) -> None:
         self._torso_half_size, self._settings = torso_half_size, settings
-        self._programs: dict[tuple[tuple[bool, ...], str, str, int], Any] = {}
+        self._programs: dict[tuple[tuple[Any, ...], str, str, bool], Any] = {}
 
     def solve(
         self,
@@ -71,6 +73,7 @@ class Ladder:
         profile: Profile | None,
         first: str = "fatrop",
         guess: int = 0,
+        rival: float = np.inf,
     ) -> Candidate | str:
         """The verified solution along a route, or why there is none.
 
@@ -84,15 +87,15 @@ class Ladder:
             profile: of the slowest axis.
             first: name of the rung to begin with; those before it are tried last.
             guess: 0 for the usual initial guess; other numbers disturb it, each in its own way.
+            rival: an objective that is already had; a route with detours that stays well above it is given up.
         """
-        from agile_jax.expert.arguments import disturbed, make_arguments
-        from agile_jax.expert.transcription import Solved, solve_program, split_nodes
+        from agile_jax.expert.arguments import disturbed, faces_with_rows, make_arguments
+        from agile_jax.expert.transcription import Phase, Solved, solve_program, split_nodes
 
         settings = self._settings
-        edges = tuple(len(region.edge) > 0 for region in route.regions)
-        if split_nodes(settings.nodes, edges)[-1] < FEWEST_INTERVALS:  # the last phase is around no edge
-            return f"{settings.nodes} nodes are too few for {len(edges)} phases"
-        obstacles = len(route.regions[0].faces) if space.exact else 0
+        phases = tuple(Phase(len(region.edge) > 0, len(faces_with_rows(region))) for region in route.regions)
+        if split_nodes(settings.nodes, phases)[-1] < FEWEST_INTERVALS:  # the last phase is around no edge
+            return f"{settings.nodes} nodes are too few for {len(phases)} phases"
         causes: list[str] = []
 
         def climb(
@@ -100,7 +103,7 @@ class Ladder:
         ) -> tuple[Solved, Residuals, Rung] | None:
             """The first rung's solution that is good, from the guess or from another solution."""
             for rung in rungs:
-                program = self._program(edges, initial_velocity, rung.solver, obstacles)
+                program = self._program(phases, initial_velocity, rung.solver, space.exact)
                 arguments = make_arguments(
                     route,
                     space.margin,
@@ -124,6 +127,8 @@ class Ladder:
                 if solved.success and not cause:
                     return solved, residuals, rung
                 causes.append(f"{rung.name}: " + (cause if solved.success else f"status {solved.status}"))
+                if solved.success and VIOLATION in cause and space.margin < planning_margin(settings):
+                    break  # the other rungs would not do better, a larger reserve will
             return None
 
         begin = [rung.name for rung in RUNGS].index(first)
@@ -135,6 +140,9 @@ class Ladder:
             if found is None:
                 return "; ".join(causes)
             near, _, rung = found
+            duration = near.trajectory.times[-1]
+            if duration + (near.objective - duration) / SMOOTH > rival * (1 + HOPELESS):
+                return "another route is better"
             used, rungs = [rung], RUNGS
         found = climb(rungs, settings.effort_weight, near)
         if found is None:
@@ -143,7 +151,7 @@ class Ladder:
         used.append(rung)
         if route.detours and profile is not None and solved.trajectory.times[-1] <= profile.duration * (1 + NEARLY):
             # The profile told nothing about these boundaries; now that they are known, its switches can be nodes.
-            boundaries = solved.trajectory.times[np.cumsum([0, *split_nodes(settings.nodes, edges)])]
+            boundaries = solved.trajectory.times[np.cumsum([0, *split_nodes(settings.nodes, phases)])]
             found = climb(RUNGS, settings.effort_weight, solved, boundaries)
             if found is not None and found[0].objective < solved.objective:
                 solved, residuals, _ = found
@@ -151,14 +159,15 @@ class Ladder:
         method = max(used, key=RUNGS.index).name
         return Candidate(branch, route.detours, solved.trajectory, solved.objective, residuals, method)
 
-    def _program(self, edges: tuple[bool, ...], initial_velocity: str, solver: str, obstacles: int) -> Any:
+    def _program(self, phases: tuple[Any, ...], initial_velocity: str, solver: str, exact: bool) -> Any:
         # CasADi is loaded by the first solve: settings, verification and free space are read without it.
         from agile_jax.expert.transcription import build_program
 
-        key = (edges, initial_velocity, solver, obstacles)
+        key = (phases, initial_velocity, solver, exact)
         program = self._programs.pop(key, None)
         if program is None:
-            program = build_program(edges, initial_velocity, self._settings, solver, obstacles, self._torso_half_size)
+            half_size = self._torso_half_size if exact else None
+            program = build_program(phases, initial_velocity, self._settings, solver, half_size)
         self._programs[key] = program  # last: the least recently used is first
         if len(self._programs) > MOST_PROGRAMS:
             del self._programs[next(iter(self._programs))]

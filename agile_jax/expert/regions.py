@@ -10,6 +10,8 @@ accounts of it:
   and everything is parallel to the axes, conservative otherwise; what the fast path needs.
 - exact: faces keep the obstacle's yaw, and the footprint is that of the yaw at hand (rows of the program). Boxes around
   these regions serve the search for routes and its lower bounds.
+
+Around an edge two sides make a square corner; edges.py rounds it.
 """
 
 from collections.abc import Sequence
@@ -24,8 +26,8 @@ from agile_jax.expert.sides import CONTAINMENT, NO_ROW, PARALLEL, Side, box_side
 from agile_jax.geometry import rotation_2d
 from agile_jax.scene import Scene
 
-# The path between two nodes is a parabola that leaves the box of its end points by at most a h^2 / 8: 0.4 mm for 1.5
-# m/s^2 and 46 ms.
+# Where only nodes are bounded: the path between two is a parabola that leaves the box of its end points by at most
+# a h^2 / 8, 0.4 mm for 1.5 m/s^2 and 46 ms.
 TIGHTENING = 5e-4  # [m]
 ROUNDING_ERRORS = 1e-6  # [m] what the solver's tolerance needs
 YAW_SLACK = 1e-3  # [rad] an interval of yaw that is a point would leave the solver no interior
@@ -58,7 +60,8 @@ class FreeSpace(NamedTuple):
 
 
 def planning_margin(settings: ExpertSettings) -> float:
-    """Clearance that the plan keeps at its nodes, so that the path between them keeps `clearance_margin` [m]."""
+    """Clearance that starts and targets need, and that the fast path keeps at its nodes, so that the path between them
+    keeps `clearance_margin` [m]."""
     return settings.clearance_margin + TIGHTENING
 
 

@@ -13,10 +13,16 @@ the torso must stay beyond a face of every obstacle, which adds rows:
     n . (p + R(yaw) corner) >= offset          for the four corners, per obstacle and phase
 
 In a phase around an edge (edges.py) n is between two normals, at an angle that is a control, and the rows are on all
-Bernstein coefficients of the interval. The structure depends on which phases are around edges, on the number of
-obstacles with rows, and on the settings; one program serves all routes that agree in it.
+Bernstein coefficients of the interval. The structure depends on which phases are around edges, on how many faces
+have rows in each, and on the settings; one program serves all routes that agree in it.
 Rates are bounded at the nodes, which is enough where they are linear; a rate that is quadratic over an interval also
-keeps its middle Bernstein coefficient, s' + h u / 2, within the bound, hence the whole of it.
+keeps its middle Bernstein coefficient, s' + h u / 2, within the bound, hence the whole of it. Poses are bounded by the
+inner Bernstein coefficients of each interval and, at the boundaries of phases, by the nodes: all other nodes lie
+between two such coefficients, so that regions hold between nodes, too. (Rows of a turning torso are not linear in its
+pose; there it holds up to r yaw'^2 h^2 / 8, and the verifier decides.)
+
+FATROP drops rows whose bounds are both infinite, but keeps their last multipliers: which rows there are must depend on
+the program alone, or labels would depend on what was solved before.
 """
 
 from collections.abc import Sequence
@@ -56,52 +62,58 @@ SOLVERS: dict[str, tuple[str, dict[str, Any]]] = {
 }
 
 
+class Phase(NamedTuple):
+    """What a program knows of a phase."""
+
+    edge: bool  # whether it is around an edge
+    faces: int  # that the corners must keep beyond
+
+
 class Program(NamedTuple):
     """A solver for all routes of one pattern of phases."""
 
     solver: Any  # casadi.Function
-    edges: tuple[bool, ...]  # per phase, whether it is around an edge
+    phases: tuple[Phase, ...]
     intervals: tuple[int, ...]  # per phase
-    obstacles: int  # with rows, in every phase
     scheme: str
     constraints: tuple[tuple[str, int, int, int], ...]  # (kind, node, phase, rows) in the order of the program
 
 
-def split_nodes(nodes: int, edges: Sequence[bool]) -> tuple[int, ...]:
+def split_nodes(nodes: int, phases: Sequence[Phase]) -> tuple[int, ...]:
     """Intervals of each phase: few around an edge, the others as even as possible, earlier phases first."""
-    left, others = nodes - EDGE_INTERVALS * sum(edges), [p for p, edge in enumerate(edges) if not edge]
+    others = [p for p, phase in enumerate(phases) if not phase.edge]
+    left = nodes - EDGE_INTERVALS * (len(phases) - len(others))
     more = others[: left % len(others)]
-    return tuple(EDGE_INTERVALS if edge else left // len(others) + (p in more) for p, edge in enumerate(edges))
+    return tuple(EDGE_INTERVALS if q.edge else left // len(others) + (p in more) for p, q in enumerate(phases))
 
 
 def build_program(
-    edges: Sequence[bool],
+    phases: Sequence[Phase],
     initial_velocity: str,
     settings: ExpertSettings,
     solver: str = "fatrop",
-    obstacles: int = 0,
     half_size: np.ndarray | None = None,
 ) -> Program:
     """Build the program for routes with one pattern of phases.
 
     Args:
-        edges: per phase, whether it is around an edge.
+        phases: P of them.
         initial_velocity: "rest" or "free".
         settings: nodes, scheme, weights.
         solver: a key of `SOLVERS`.
-        obstacles: with rows.
-        half_size: of the torso, shape (3,) [m]; only used with rows.
+        half_size: of the torso, shape (3,) [m], where its yaw is to be heeded; None where the faces hold the footprint.
     """
-    phases, edges = len(edges), tuple(edges)
-    scheme, intervals = settings.transcription, split_nodes(settings.nodes, edges)
+    scheme, intervals = settings.transcription, split_nodes(settings.nodes, phases)
     linear = scheme in LINEAR
     half = np.ones(2) if half_size is None else half_size[:2]
-    # Without rows the faces hold the footprint already, and the torso is a point.
-    corners = [(i * half[0], j * half[1]) for i in (1, -1) for j in (1, -1)] if obstacles else [(0.0, 0.0)]
-    phase_of = np.repeat(np.arange(phases), intervals)
+    # Where the faces hold the footprint the torso is a point.
+    signs = [(0, 0)] if half_size is None else [(i, j) for i in (1, -1) for j in (1, -1)]
+    corners = [(i * half[0], j * half[1]) for i, j in signs]
+    phase_of = np.repeat(np.arange(len(phases)), intervals)
     start, target = ca.SX.sym("start", POSE_SIZE), ca.SX.sym("target", POSE_SIZE)
-    pins, faces = ca.SX.sym("pins", PIN, phases - 1), ca.SX.sym("faces", ROW * obstacles, phases)
-    rounded = ca.SX.sym("edges", EDGE, sum(edges))
+    pins = ca.SX.sym("pins", PIN, len(phases) - 1)
+    faces = [ca.SX.sym(f"faces{p}", ROW, phase.faces) for p, phase in enumerate(phases)]
+    edges = {p: ca.SX.sym(f"edge{p}", EDGE) for p, phase in enumerate(phases) if phase.edge}
     fractions, weight = ca.SX.sym("fractions", settings.nodes), ca.SX.sym("weight")
     velocity, scale = np.array(settings.velocity), np.array(settings.acceleration)
 
@@ -117,9 +129,8 @@ def build_program(
         constraints.append((kind, node, phase, expression.numel()))
 
     def require_faces(kind: str, node: int, phase: int, point: Any) -> None:
-        for o in range(obstacles):
-            face = faces[ROW * o : ROW * (o + 1), phase]
-            require(kind, node, phase, _corner_heights(point, face, corners))
+        for i in range(phases[phase].faces):
+            require(kind, node, phase, _corner_heights(point, faces[phase][:, i], corners))
 
     def require_speed(node: int, rate: Any) -> None:
         if settings.velocity_bound == "planar_norm":
@@ -130,7 +141,7 @@ def build_program(
         pose, rate, tau = x[:POSE_SIZE], x[POSE_SIZE : 2 * POSE_SIZE], x[2 * POSE_SIZE]
         ends_phase = k + 1 < settings.nodes and phase_of[k + 1] != p
         # The next phase's duration is chosen at the end of this one.
-        control = ca.SX.sym(f"u{k}", POSE_SIZE + edges[p] + ends_phase)
+        control = ca.SX.sym(f"u{k}", POSE_SIZE + phases[p].edge + ends_phase)
         u, h = (x[-POSE_SIZE:] if linear else control[:POSE_SIZE]), tau * fractions[k]
         u_next = control[:POSE_SIZE]
         following = [*step(scheme, pose, rate, h, u, u_next), control[-1] if ends_phase else tau]
@@ -155,33 +166,33 @@ def build_program(
         if k > 0 and p != phase_of[k - 1]:
             require_faces("touch", k, p, pose)
             require_faces("touch", k, p - 1, pose)
-        if edges[p]:
-            edge = rounded[:, sum(edges[:p])]
+        if p in edges:
             for point in (pose, *points):
-                require("edge", k, p, _edge_heights(point, edge, control[POSE_SIZE], corners))
+                require("edge", k, p, _edge_heights(point, edges[p], control[POSE_SIZE], corners))
         effort = ca.sum1(square_integral(scheme, h, u / scale, u_next / scale))
         objective += h + weight * effort
     last, final = settings.nodes, states[-1]
     variables.append(final)
-    require("end", last, phases - 1, final[:POSE_SIZE] - target)
-    require("end", last, phases - 1, final[POSE_SIZE : 2 * POSE_SIZE])
+    require("end", last, len(phases) - 1, final[:POSE_SIZE] - target)
+    require("end", last, len(phases) - 1, final[POSE_SIZE : 2 * POSE_SIZE])
     if settings.zero_end_controls and linear:
-        require("end", last, phases - 1, final[-POSE_SIZE:])
+        require("end", last, len(phases) - 1, final[-POSE_SIZE:])
 
     constrained = ca.vertcat(*rows)
     problem = {
         "x": ca.vertcat(*variables),
         "f": objective,
         "g": constrained,
-        "p": ca.vertcat(start, target, ca.vec(pins), ca.vec(faces), ca.vec(rounded), fractions, weight),
+        "p": ca.vertcat(start, target, ca.vec(pins), *map(ca.vec, faces), *edges.values(), fractions, weight),
     }
     plugin, own = SOLVERS[solver]
     options: dict[str, Any] = {"expand": True, "print_time": False, "error_on_fail": False, plugin: own}
     if plugin == "fatrop":
         equality = [kind in ("step", "end", "pin") for kind, _, _, count in constraints for _ in range(count)]
         options |= {"structure_detection": "auto", "equality": equality}
-    name = f"route_{phases}_{sum(edges)}_{obstacles}_{initial_velocity}"
-    return Program(ca.nlpsol(name, plugin, problem, options), edges, intervals, obstacles, scheme, tuple(constraints))
+    name = "route_" + "_".join(f"{phase.edge:d}{phase.faces}" for phase in phases)
+    function = ca.nlpsol(name, plugin, problem, options)
+    return Program(function, tuple(phases), intervals, scheme, tuple(constraints))
 
 
 def _corner_heights(state: Any, face: Any, corners: Sequence[tuple[float, float]]) -> Any:
@@ -260,7 +271,7 @@ def unpack(variables: np.ndarray, program: Program, fractions: np.ndarray) -> Tr
             steps.append(state[2 * POSE_SIZE] * fractions[k])
             position, k = position + size, k + 1
             controls.append(state[-POSE_SIZE:] if linear else variables[position : position + POSE_SIZE])
-            position += POSE_SIZE + program.edges[p] + (j + 1 == count and p + 1 < len(program.intervals))
+            position += POSE_SIZE + program.phases[p].edge + (j + 1 == count and p + 1 < len(program.intervals))
     final = variables[position : position + size]
     states.append(final[: 2 * POSE_SIZE])
     if linear:

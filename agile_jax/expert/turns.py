@@ -11,11 +11,13 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from agile_jax.expert.braking import sharpen
+from agile_jax.expert.footprint import footprint_range
 from agile_jax.expert.minimum_time import route_bounds
 from agile_jax.expert.regions import FreeSpace
 from agile_jax.expert.routes import Route
 from agile_jax.expert.settings import ExpertSettings
-from agile_jax.expert.sides import Face
+from agile_jax.expert.sides import Face, half_space_box
 
 Interval = tuple[float, float]
 NARROW = 0.01  # [rad] a turn that ends this near to a diagonal does not cross it
@@ -36,7 +38,10 @@ def split_turns(
         while waiting and waiting[0][0] <= route.objective_bound:
             yield heapq.heappop(waiting)[-1]
         for part in _parts(space, route, start, target, settings, initial_velocity):
+            part = sharpen(space, part, start, target, settings, initial_velocity)
             heapq.heappush(waiting, (part.objective_bound, next(count), part))
+        while waiting and waiting[0][0] <= route.objective_bound:
+            yield heapq.heappop(waiting)[-1]
     while waiting:
         yield heapq.heappop(waiting)[-1]
 
@@ -59,9 +64,10 @@ def _parts(
             continue
         boundaries = []
         for boundary, (low, high) in zip(route.boundaries, chosen, strict=True):
-            lower = (*boundary.lower[:3], max(boundary.lower[3], low))
-            upper = (*boundary.upper[:3], min(boundary.upper[3], high))
-            boundaries.append(boundary._replace(lower=lower, upper=upper))
+            lower = np.array([*boundary.lower[:3], max(boundary.lower[3], low)])
+            upper = np.array([*boundary.upper[:3], min(boundary.upper[3], high)])
+            lower, upper = _reached(space, boundary.pin, lower, upper)
+            boundaries.append(boundary._replace(lower=tuple(lower.tolist()), upper=tuple(upper.tolist())))
         boxes = [(boundary.lower, boundary.upper) for boundary in boundaries]
         bounds = route_bounds(start.tolist(), boxes, target.tolist(), settings, initial_velocity)
         yield route._replace(boundaries=tuple(boundaries), duration_bound=bounds[0], objective_bound=bounds[1])
@@ -76,6 +82,16 @@ def _intervals(space: FreeSpace, pin: Face, low: float, high: float) -> list[Int
     widest = [ahead + sign * diagonal + turn * np.pi for sign in (-1, 1) for turn in range(-3, 4)]
     cuts = sorted(float(yaw) for yaw in widest if low + NARROW < yaw < high - NARROW)
     return list(itertools.pairwise([-np.inf, *cuts, np.inf]))
+
+
+def _reached(space: FreeSpace, pin: Face, lower: np.ndarray, upper: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """What of a box of poses lies where the torso, at its yaws, can touch a pin's face."""
+    if pin.normal[:2].any():
+        least, most = footprint_range(space.half_size, pin.normal, (lower[3], upper[3]))
+        offset = pin.value - pin.least
+        lower, upper = half_space_box(pin.normal, offset + least, lower, upper)
+        lower, upper = half_space_box(-pin.normal, -offset - most, lower, upper)
+    return np.minimum(lower, upper), upper
 
 
 def _turns_on(pins: Sequence[Face], chosen: Sequence[Interval], increasing: bool) -> bool:

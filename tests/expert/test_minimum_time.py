@@ -53,7 +53,7 @@ def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene
     from agile_jax.expert.arguments import make_arguments
     from agile_jax.expert.regions import make_free_space, planning_margin
     from agile_jax.expert.routes import find_routes
-    from agile_jax.expert.transcription import build_program, solve_program
+    from agile_jax.expert.transcription import Phase, build_program, solve_program
 
     start = np.array([0.6, 0.45, 0.27, 0.2])
     programs, solved = {}, 0
@@ -63,7 +63,9 @@ def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene
             phases = len(route.regions)
             if phases > 3:
                 continue
-            program = programs.setdefault((phases, condition), build_program([False] * phases, condition, settings))
+            program = programs.setdefault(
+                (phases, condition), build_program([Phase(False, 0)] * phases, condition, settings)
+            )
             arguments = make_arguments(
                 route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight
             )

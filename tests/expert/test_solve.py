@@ -12,7 +12,7 @@ from agile_jax.expert.arguments import make_arguments
 from agile_jax.expert.footprint import footprint
 from agile_jax.expert.regions import make_free_space
 from agile_jax.expert.routes import find_routes
-from agile_jax.expert.transcription import build_program, solve_program
+from agile_jax.expert.transcription import Phase, build_program, solve_program
 from agile_jax.scene import SceneSettings, clearance, make_scene
 from agile_jax.settings import BadInput
 
@@ -94,7 +94,7 @@ def test_label_does_not_depend_on_guess_or_solver(scene, settings, condition):
     found = []
     generator = np.random.default_rng(0)
     for solver in ("fatrop", "ipopt"):
-        program = build_program([False] * len(route.regions), condition, settings, solver)
+        program = build_program([Phase(False, 0)] * len(route.regions), condition, settings, solver)
         arguments = make_arguments(
             route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight
         )
