@@ -18,16 +18,14 @@ FEW = 2  # obstacles, of which those in the way are taken at once: they are near
 
 
 def first_obstacles(scene: Scene, start: np.ndarray, margin: float) -> np.ndarray:
-    """Which obstacles to begin with: of few those that, grown by torso and margin, reach into the box around start and
-    target; else none. Shape (n,), bool."""
+    """Which obstacles to begin with: of few those that, grown by torso and margin, reach into the rectangle around
+    start and target; else none. Shape (n,), bool."""
     if len(scene.obstacle_centers) > FEW:
         return np.zeros(len(scene.obstacle_centers), bool)
-    low, high = np.minimum(start, scene.target)[:3], np.maximum(start, scene.target)[:3]
-    torso = np.array([*[np.hypot(*scene.torso_half_size[:2])] * 2, scene.torso_half_size[2]])
-    half = scene.obstacle_half_sizes.copy()
-    half[:, :2] = np.hypot(half[:, 0], half[:, 1])[:, None]  # at any yaw
-    reach = half + torso + margin
-    return np.asarray(((scene.obstacle_centers + reach > low) & (scene.obstacle_centers - reach < high)).all(1))
+    low, high = np.minimum(start, scene.target)[:2], np.maximum(start, scene.target)[:2]
+    radius = np.hypot(*scene.obstacle_half_sizes[:, :2].T) + np.hypot(*scene.torso_half_size[:2])  # at any yaw
+    reach, centers = (radius + margin)[:, None], scene.obstacle_centers[:, :2]
+    return np.asarray(((centers + reach > low) & (centers - reach < high)).all(1))
 
 
 def with_obstacles(scene: Scene, chosen: np.ndarray) -> Scene:

@@ -77,9 +77,9 @@ def branch_rank(branch: str) -> tuple[int, str]:
 def branch_name(space: FreeSpace, route: Route, poses: np.ndarray) -> str:
     """How a path along a route passes the obstacles, in the words of someone looking along +x.
 
-    Per obstacle: "under" or "over" when the torso is ever below or above it, else "left" or "right" when the route
-        changes its side of the obstacle by way of that side. Joined by "+" for several obstacles; "direct" when
-        nothing of it applies.
+    Per obstacle of the space, which are those that matter (relevant.py): "under" or "over" when the torso is ever below
+        or above it, else "left" or "right" when the route changes its side of the obstacle by way of that side. Joined
+        by "+" for several obstacles; "direct" when nothing of it applies.
 
     Args:
         poses: of the nodes, shape (T+1, 4).

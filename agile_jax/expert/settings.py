@@ -32,7 +32,7 @@ class ExpertSettings(Settings):
     planner: Literal["3d", "2d"] = "3d"  # 2d: height fixed at the target's, obstacles from the floor up (figure 2)
     # auto: closed-form least time where it is attained, else the general program; general: always the program.
     method: Literal["auto", "general"] = "auto"
-    max_routes: Count = 12  # routes solved for one start at most
+    max_routes: Count = 12  # routes solved by the general program for one start at most
     starts: Literal["paper", "wide"] = "paper"  # paper: scene.start; wide: dataset/starts.py
     wide_paper_fraction: Fraction = 0.35  # of the wide starts, drawn as the paper's but at any height
     wide_target_fraction: Fraction = 0.15  # of the wide starts, drawn around the target
