@@ -67,8 +67,7 @@ class Region(NamedTuple):
 
 
 class FreeSpace(NamedTuple):
-    """What all regions for one pair of start and target are made of. There is one for every choice of sides, six to
-    the power of the number of obstacles, so they are made when they are asked for (`make_region`)."""
+    """What the regions for one pair of start and target are made of, one for every choice of sides (`make_region`)."""
 
     sides: tuple[tuple[Side, ...], ...]  # per obstacle
     heights: tuple[float, ...]  # of the obstacles' centres [m]
@@ -133,10 +132,7 @@ def make_free_space(scene: Scene, settings: ExpertSettings, start: np.ndarray, e
     ends = (start, scene.target)
     per_obstacle = []
     for i in range(len(scene.obstacle_centers)):
-        if exact:
-            sides = _exact_sides(scene, i, margin, lower, upper, ends)
-        else:
-            sides = _box_sides(scene, i, margin, lower, upper, ends)
+        sides = (_exact_sides if exact else _box_sides)(scene, i, margin, lower, upper, ends)
         per_obstacle.append(tuple(side for side in sides if (side.lower <= side.upper).all()))
 
     heights = tuple(scene.obstacle_centers[:, 2].tolist())
@@ -161,10 +157,7 @@ def make_region(space: FreeSpace, choice: tuple[int, ...]) -> Region | None:
 
 def regions_around(space: FreeSpace, pose: np.ndarray) -> list[Region]:
     """The regions that hold a pose, shape (4,), in a fixed order."""
-    per_obstacle = []
-    for sides in space.sides:
-        near = [i for i, side in enumerate(sides) if _in_box(side, pose)]
-        per_obstacle.append(near)
+    per_obstacle = ([i for i, side in enumerate(sides) if _in_box(side, pose)] for sides in space.sides)
     regions = (make_region(space, choice) for choice in product(*per_obstacle))
     return [region for region in regions if region is not None and holds(space, region, pose)]
 
@@ -197,8 +190,7 @@ def holds(space: FreeSpace, region: Region, pose: np.ndarray) -> bool:
 
 def _in_box(part: Side | Region, pose: np.ndarray) -> bool:
     """Whether a pose is in the box around a side or region."""
-    at = pose.tolist()
-    inside = zip(part.lower.tolist(), at, part.upper.tolist(), strict=True)
+    inside = zip(part.lower.tolist(), pose.tolist(), part.upper.tolist(), strict=True)
     return all(low - CONTAINMENT <= value <= high + CONTAINMENT for low, value, high in inside)
 
 
