@@ -127,10 +127,7 @@ def make_region(space: FreeSpace, choice: Choice) -> Region | None:
 
 def regions_around(space: FreeSpace, pose: np.ndarray) -> list[Region]:
     """The regions that hold a pose, shape (4,), in a fixed order."""
-    per_obstacle = []
-    for sides in space.sides:
-        near = [i for i, side in enumerate(sides) if _in_box(side, pose)]
-        per_obstacle.append(near)
+    per_obstacle = ([i for i, side in enumerate(sides) if _in_box(side, pose)] for sides in space.sides)
     regions = (make_region(space, choice) for choice in product(*per_obstacle))
     return [region for region in regions if region is not None and holds(space, region, pose)]
 
@@ -163,6 +160,5 @@ def holds(space: FreeSpace, region: Region, pose: np.ndarray) -> bool:
 
 def _in_box(part: Side | Region, pose: np.ndarray) -> bool:
     """Whether a pose is in the box around a side or region."""
-    at = pose.tolist()
-    inside = zip(part.lower.tolist(), at, part.upper.tolist(), strict=True)
+    inside = zip(part.lower.tolist(), pose.tolist(), part.upper.tolist(), strict=True)
     return all(low - CONTAINMENT <= value <= high + CONTAINMENT for low, value, high in inside)

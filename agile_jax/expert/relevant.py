@@ -20,17 +20,15 @@ FEW = 2  # obstacles, of which those in the way are taken at once: they are near
 
 
 def first_obstacles(scene: Scene, start: np.ndarray, margin: float) -> np.ndarray:
-    """Which obstacles to begin with: of few those that, grown by torso and margin, reach into the box around start and
-    target; else none. Shape (n,), bool."""
-    if len(set(scene.obstacle_numbers.tolist())) > FEW:
-        return np.zeros(len(scene.obstacle_centers), bool)
-    low, high = np.minimum(start, scene.target)[:3], np.maximum(start, scene.target)[:3]
-    torso = np.array([*[np.hypot(*scene.torso_half_size[:2])] * 2, scene.torso_half_size[2]])
-    half = scene.obstacle_half_sizes.copy()
-    half[:, :2] = np.hypot(half[:, 0], half[:, 1])[:, None]  # at any yaw
-    reach = half + torso + margin
-    near = ((scene.obstacle_centers + reach > low) & (scene.obstacle_centers - reach < high)).all(1)
+    """Which obstacles to begin with: of few those that, grown by torso and margin, reach into the rectangle around
+    start and target; else none. Shape (n,), bool."""
     numbers = scene.obstacle_numbers.tolist()
+    if len(set(numbers)) > FEW:
+        return np.zeros(len(numbers), bool)
+    low, high = np.minimum(start, scene.target)[:2], np.maximum(start, scene.target)[:2]
+    radius = np.hypot(*scene.obstacle_half_sizes[:, :2].T) + np.hypot(*scene.torso_half_size[:2])  # at any yaw
+    reach, centers = (radius + margin)[:, None], scene.obstacle_centers[:, :2]
+    near = ((centers + reach > low) & (centers - reach < high)).all(1)
     met = {number for number, is_near in zip(numbers, near.tolist(), strict=True) if is_near}
     return np.array([number in met for number in numbers], bool)
 
