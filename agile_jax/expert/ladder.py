@@ -21,6 +21,7 @@ from agile_jax.scene import POSE_SIZE, Scene
 FEWEST_INTERVALS = 4  # in a phase around no edge
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
 MOST_PROGRAMS = 8  # kept: each takes 10 to 20 MB, so that they bound the memory of a worker
+NOISES = 1000  # sets the disturbances of the rungs apart from those that are asked for
 SMOOTH = 10  # factor on the weight of the effort, from which a route with detours is approached
 HOPELESS = 1e-2  # relative; the step from the smoother problem to the label changes the objective by about 0.1 %
 VIOLATION = "_violation"  # in the cause of what leaves its bounds, or the margin, at or between nodes
@@ -33,12 +34,15 @@ class Rung(NamedTuple):
     name: str
     solver: str
     slowness: float  # of the guess
+    noise: int = 0  # that disturbs the guess, each number in its own way; 0: none
 
 
 RUNGS = (
     Rung("fatrop", "fatrop", 1.0),
     Rung("fatrop-careful", "fatrop-careful", 1.0),
     Rung("fatrop-other-guess", "fatrop", 2.0),
+    Rung("fatrop-disturbed", "fatrop-careful", 1.0, 1),
+    Rung("fatrop-disturbed-again", "fatrop-careful", 1.0, 2),
     Rung("ipopt", "ipopt", 1.0),
     Rung("ipopt-other-guess", "ipopt", 2.0),
 )
@@ -118,8 +122,8 @@ class Ladder:
                 )
                 if near is not None:
                     arguments = arguments._replace(guess=near.variables)
-                elif guess:
-                    arguments = disturbed(arguments, guess)
+                elif guess or rung.noise:
+                    arguments = disturbed(arguments, guess + NOISES * rung.noise)
                 solved = solve_program(program, arguments)
                 residuals = verify(scene, settings, solved.trajectory, start, initial_velocity)
                 # What only leads to the label need not keep the margin between nodes.

@@ -10,7 +10,7 @@ from agile_jax.expert.arguments import faces_with_rows, make_arguments
 from agile_jax.expert.braking import braked_time
 from agile_jax.expert.edges import round_edge
 from agile_jax.expert.footprint import footprint_range
-from agile_jax.expert.regions import ROUNDING_ERRORS, make_free_space
+from agile_jax.expert.regions import ROUNDING_ERRORS, make_free_space, make_region
 from agile_jax.expert.routes import find_routes
 from agile_jax.expert.schemes import control_points, step
 from agile_jax.expert.transcription import Phase, build_program, solve_program
@@ -27,12 +27,13 @@ TURNED = np.array([0.62, -0.22, 0.26, -0.675])  # turned beyond the torso's diag
 def _edges(scene, start, exact):
     """Regions around edges, for every pair of neighbouring regions."""
     space = make_free_space(scene, SETTINGS, start, exact, ROUNDING_ERRORS)
-    for before, after in itertools.permutations(space.regions, 2):
-        for pin in space.sides[0]:
-            if pin.name and pin in (space.sides[0][before.sides[0]], space.sides[0][after.sides[0]]):
-                passage = round_edge(space, 0, before, after, pin, (start, scene.target))
-                if passage is not None:
-                    yield space, passage
+    regions = [make_region(space, (i,)) for i in range(len(space.sides[0]))]
+    for before, after in itertools.permutations([region for region in regions if region is not None], 2):
+        for region in (before, after):
+            side = space.sides[0][region.sides[0]]
+            passage = round_edge(space, 0, before, after, side.faces[0], (start, scene.target)) if side.name else None
+            if passage is not None:
+                yield space, passage
 
 
 @pytest.mark.parametrize(("yaw", "exact"), [(0.0, False), (0.4, True)])
@@ -132,7 +133,8 @@ def test_a_turn_is_split_where_the_torso_is_widest(scene):
     parts = list(split_turns(space, iter(routes), TURNED, scene.target, SETTINGS, "free"))
     bounds = [part.objective_bound for part in parts]
     assert bounds == sorted(bounds)
-    under = [part for part in parts if [pin.name for pin in part.pins] == ["front", "front", "back", "back"]]
+    ahead = [[-1, 0, 0], [-1, 0, 0], [1, 0, 0], [1, 0, 0]]  # normals of the front and of the back
+    under = [part for part in parts if [pin.normal.tolist() for pin in part.pins] == ahead]
     sides = {tuple(bool(b.upper[3] <= widest + 1e-9) for b in part.boundaries) for part in under}
     # Turned before the front edge, between the edges, or after the back edge.
     assert sides == {(False,) * 4, (True, True, False, False), (True,) * 4}
