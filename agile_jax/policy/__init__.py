@@ -14,9 +14,9 @@ if TYPE_CHECKING:
     from agile_jax.policy.closed_loop import OUTCOMES, Followed, Follower, follow, make_follower
     from agile_jax.policy.export import export_policy
     from agile_jax.policy.field import Encoding, Policy
-    from agile_jax.policy.gamma_test import GammaTest, gamma_test
     from agile_jax.policy.kinds import make_policy
     from agile_jax.policy.network import Normalization, PolicyParameters, parameter_count
+    from agile_jax.policy.noise_floor import GammaTest, gamma_test
     from agile_jax.policy.query import make_velocities
     from agile_jax.policy.stage import train
     from agile_jax.policy.training import Fitted, fit_policy
@@ -29,7 +29,7 @@ __getattr__ = lazy_names(
         "closed_loop": "OUTCOMES Followed Follower follow make_follower",
         "export": "export_policy",
         "field": "Encoding Policy",
-        "gamma_test": "GammaTest gamma_test",
+        "noise_floor": "GammaTest gamma_test",
         "kinds": "make_policy",
         "network": "Normalization PolicyParameters parameter_count",
         "query": "make_velocities",

@@ -17,10 +17,10 @@ from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_atomic, write_json
 from agile_jax.policy.dagger import fit_rounds, make_query
 from agile_jax.policy.field import Policy
-from agile_jax.policy.gamma_test import GammaTest, gamma_test
 from agile_jax.policy.held_out import closed_loop_test, kinematic_follower, make_watch
 from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.network import PolicyParameters, parameter_count
+from agile_jax.policy.noise_floor import GammaTest, gamma_test
 from agile_jax.policy.settings import ClosedLoopSettings, DaggerSettings, PolicySettings, TrainingSettings
 from agile_jax.policy.training import Labels, check_labels, of_seed
 from agile_jax.policy.units import error_on, errors_in_own_units, make_units

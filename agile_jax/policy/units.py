@@ -20,8 +20,8 @@ import numpy as np
 from agile_jax.dataset import Dataset, DatasetSettings, labels, samples, split_mask
 from agile_jax.policy.epochs import SI, encode_samples, mean_squared_error
 from agile_jax.policy.field import Policy
-from agile_jax.policy.gamma_test import gamma_test
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.noise_floor import gamma_test
 from agile_jax.policy.settings import PolicySettings, TrainingSettings
 from agile_jax.scene import POSE_SIZE
 from agile_jax.settings import BadInput
