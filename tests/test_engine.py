@@ -198,43 +198,6 @@ def test_interrupted_or_killed_driver_leaves_no_process(tmp_path, sent):
     assert not any(map(alive, workers))
 
 
-def test_scratch_of_a_killed_driver_goes_when_the_next_engine_opens(tmp_path):
-    """And that of a living one stays."""
-    script, scratch = tmp_path / "driver.py", tmp_path / "scratch"
-    script.write_text(SCRIPT)
-    scratch.mkdir()
-    (scratch / "agile-engine-somebodys").mkdir()  # without the lock that tells whose it is
-    environment = os.environ | {"TMPDIR": str(scratch)}
-
-    def driver():
-        started = subprocess.Popen([sys.executable, str(script)], stdout=subprocess.PIPE, text=True, env=environment)
-        assert started.stdout is not None
-        assert started.stdout.readline().startswith("worker")
-        return started
-
-    def folders():
-        return set(scratch.glob("agile-engine-*")) - {scratch / "agile-engine-somebodys"}
-
-    killed = driver()
-    (left,) = folders()
-    killed.kill()
-    killed.wait()
-    assert left.exists()
-    living = driver()
-    deadline = time.monotonic() + 30
-    while left in folders() and time.monotonic() < deadline:  # its workers outlive it by a moment
-        program = "from agile_jax.engine.scratch import remove_stale\nremove_stale()"
-        subprocess.run([sys.executable, "-c", program], env=environment, check=True)
-    (held,) = folders()
-    assert held != left
-    living.send_signal(signal.SIGINT)
-    began = time.monotonic()
-    living.wait(30)
-    assert time.monotonic() - began < 15  # usually 0.1 s; its tasks would sleep for a minute
-    assert not folders()
-    assert (scratch / "agile-engine-somebodys").exists()
-
-
 def alive(pid):
     try:
         return pathlib.Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"

@@ -1,17 +1,16 @@
 """Opening an engine: here, in local processes on the loopback interface, or on a running cluster."""
 
-import contextlib
 import logging
 import os
 import signal
 import sys
+import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
 from typing import Any
 
 from agile_jax.engine.dask_engine import DaskEngine
-from agile_jax.engine.scratch import scratch_folder
 from agile_jax.engine.tasks import Engine, InlineEngine, describe
 from agile_jax.settings import BadInput
 
@@ -60,7 +59,7 @@ def _local_client(workers: int) -> Iterator[Any]:
     with (
         _quiet_loggers(),
         _environment_kept(),
-        scratch_folder() as scratch,
+        tempfile.TemporaryDirectory(prefix="agile-engine-", ignore_cleanup_errors=True) as scratch,
         dask.config.set(quiet),
         LocalCluster(
             n_workers=workers,
@@ -76,21 +75,7 @@ def _local_client(workers: int) -> Iterator[Any]:
         Client(cluster) as client,
     ):
         client.register_plugin(_ignore_interrupts())
-        try:
-            yield client
-        except BaseException:
-            _kill_workers(cluster)
-            raise
-
-
-def _kill_workers(cluster: Any) -> None:
-    """End the workers at once; a polite close would wait some seconds for tasks that nobody wants any more."""
-    nannies = list(cluster.workers.values())
-    for nanny in nannies:
-        nanny.auto_restart = False
-    for nanny in nannies:
-        with contextlib.suppress(ProcessLookupError, TypeError):  # it has ended, or is not there yet
-            os.kill(nanny.pid, signal.SIGKILL)
+        yield client
 
 
 @contextmanager
