@@ -29,6 +29,7 @@ BRANCH_ORDER = (
 )  # of equally good routes the first wins; others follow by name
 LATERAL = ("left", "right", "front", "back")  # names of sides
 TOUCHING = 1e-6  # [m] a path along a face is beside the obstacle
+DIGITS = 9  # of bounds that differ [s]; rounding errors must not decide which route comes first
 MAX_EXPANSIONS = 20_000
 
 
@@ -118,7 +119,7 @@ def find_routes(
     def push(path: tuple[int, ...], ways: tuple[int, ...]) -> None:
         boxes = [(boundary.lower, boundary.upper) for boundary in boundaries(path, ways)]
         bound = route_bounds(start, boxes, target, settings, initial_velocity)[1]
-        heapq.heappush(heap, (bound, len(path), path, ways))
+        heapq.heappush(heap, (round(bound, DIGITS), len(path), path, ways))
 
     for i in range(len(regions)):
         if holds_start[i]:

@@ -54,7 +54,7 @@ def test_around_one_box_they_are_its_half_spaces():
     lower, upper = np.array([[0.0, 1.0, 2.0]]), np.array([[3.0, 4.0, 5.0]])
     found = largest_empty_boxes(lower, upper)
     assert [box.planes for box in found] == [((axis, sign, 0),) for _, axis, sign in SIDES]
-    assert [box.lower[1] for box in found][0] == 4.0
+    assert found[0].lower[1] == 4.0
 
 
 def test_planes_that_bound_them_for_the_least_footprint_serve_a_larger_one():
@@ -71,9 +71,7 @@ def test_planes_that_bound_them_for_the_least_footprint_serve_a_larger_one():
         for box in found:
             beyond = np.ones(len(points), bool)
             for axis, sign, number in box.planes:
-                beyond &= (
-                    points[:, axis] > high[number, axis] if sign > 0 else points[:, axis] < low[number, axis]
-                )
+                beyond &= points[:, axis] > high[number, axis] if sign > 0 else points[:, axis] < low[number, axis]
             held |= beyond
         np.testing.assert_array_equal(held, ~inside)
 

@@ -46,9 +46,7 @@ def test_the_gap_that_is_needed_is_the_torso_and_its_margins(gap):
 
 def grid_finds_a_way(scene, margin, start, step=0.02):
     """A second implementation: whether poses of one yaw, start's and target's, are connected on a grid."""
-    axes = [
-        np.arange(scene.lower[i], scene.upper[i] + 1e-9, size) for i, size in ((0, step), (1, step), (2, 0.0165))
-    ]
+    axes = [np.arange(scene.lower[i], scene.upper[i] + 1e-9, size) for i, size in ((0, step), (1, step), (2, 0.0165))]
     poses = np.stack([*np.meshgrid(*axes, indexing="ij"), np.zeros([len(a) for a in axes])], -1)
     free = clearance(scene, poses) >= margin
     place = [[int(np.abs(a - p[i]).argmin()) for i, a in enumerate(axes)] for p in (start, scene.target)]
@@ -94,7 +92,9 @@ def test_from_between_the_legs_to_any_side():
     table = TABLE | {"size": [1.3, 1.3], "position": [0.0, 0.0]}
     start = [0.1, -0.05, 0.16, 0.2]
     for target in ((1.8, 0.3, 0.28, 0.0), (-1.8, 0.3, 0.28, 0.5), (0.2, 1.7, 0.28, 0.0), (-0.2, -1.7, 0.28, -0.5)):
-        assert solve(table, start, target=target, lower=(-3, -3, 0.155, -3.2), upper=(3, 3, 0.32, 3.2)).branch == "under"
+        assert (
+            solve(table, start, target=target, lower=(-3, -3, 0.155, -3.2), upper=(3, 3, 0.32, 3.2)).branch == "under"
+        )
 
 
 def test_round_the_corner_below_the_table():
