@@ -101,6 +101,14 @@ Call = Callable[..., tuple[int, str, str]]
         (["plan", "good.toml", "--start", "1.5", "0", "0.28", "0"], "puts the torso inside obstacle 0"),
         (["plan", "good.toml", "--start", "0", "0", "9", "0"], "start z = 9 m is outside its bounds"),
         (["plan", "good.toml", "--start", "0", "0", "nan", "0"], "finite"),
+        (
+            ["plan", "good.toml", "--start", "0", "0", "0.28", "0", "--target", "1.5", "0", "0.28", "0"],
+            "target = [1.5, 0.0, 0.28, 0.0] puts the torso inside obstacle 0",
+        ),
+        (
+            ["plan", "good.toml", "--start", "0", "0", "0.28", "0", "--target", "1.5", "0", "9", "0"],
+            "target z = 9 m is outside its bounds",
+        ),
         (["rollout", "nowhere", "--start", "0", "0", "0.28", "0"], "nowhere: no such run directory"),
         (["rollout", ".", "--start", "0", "0", "0.28", "0"], "experiment.toml: no such file"),
         (["rollout"], "which run directory?"),
@@ -221,6 +229,13 @@ def test_plan_prints_and_draws(labels: str, folder: pathlib.Path, call: Call) ->
     assert float(numbers["duration"].split()[0]) == pytest.approx(3.5 + 1 / 1.5, rel=2e-3)
     assert numbers["branch"] == "under"
     assert (folder / "deep/plan.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_plan_to_another_target(folder: pathlib.Path, call: Call) -> None:
+    target = ["--target", "0.2", "-1", "0.28", "-3", "--output", "None", "--expert.nodes", "20"]
+    code, out, _ = call("plan", "good.toml", "--start", "0", "0", "0.28", "3", *target)
+    assert code == 0
+    assert float(out.split()[1]) == pytest.approx(1 / 0.5 + 0.5 / 1.5, abs=1e-3)  # sideways, and the shorter turn
 
 
 def test_plan_draws_into_the_current_folder_if_not_told_where(folder: pathlib.Path, call: Call) -> None:

@@ -52,9 +52,12 @@ class IncompleteDatasetError(RuntimeError):
     """Some shards could not be made; the others are kept. The text names them."""
 
 
-def shard_time_limit(settings: ExpertSettings) -> float:
-    """After which a shard's task counts as hung: a hundred times what it usually takes, at least a minute [s]."""
-    return max(60.0, 0.05 * settings.nodes * settings.shard_size)
+def shard_time_limit(settings: ExpertSettings, obstacles: int) -> float:
+    """After which a shard's task counts as hung: a hundred times what it usually takes, at least a minute [s].
+
+    With the obstacles grow the number of routes and the phases of each.
+    """
+    return max(60.0, 0.05 * settings.nodes * settings.shard_size * max(1, obstacles) ** 2)
 
 
 def generate(
@@ -92,7 +95,8 @@ def generate(
         tasks = [ShardTask(scene_settings, expert_settings, seed, i) for i in missing]
         with engine() as opened:
             timing["workers"] = opened.workers
-            for position, result in opened.map(make_shard, tasks, time_limit_s=shard_time_limit(expert_settings)):
+            limit = shard_time_limit(expert_settings, len(scene_settings.obstacles))
+            for position, result in opened.map(make_shard, tasks, time_limit_s=limit):
                 i = missing[position]
                 if isinstance(result, TaskFailure):
                     failures.append(f"shard {i}: {result.cause}")

@@ -5,15 +5,18 @@ import functools
 import json
 import os
 import pathlib
+import signal
 import stat
 import subprocess
 import sys
+import tempfile
 
 import numpy as np
 import pytest
 from small_dataset import EXPERT, INLINE, SCENE, SEED, make
 
 from agile_jax.dataset import DatasetSettings, generate, load
+from agile_jax.dataset.shard import make_shard
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.scene import SceneSettings, make_scene
@@ -78,6 +81,63 @@ def test_a_read_only_folder_is_one_line_and_the_run_goes_on_later(tmp_path):
     assert list(shard_bytes(dataset)) == ["shard-00000.npz"]
     assert agile(folder=tmp_path).returncode == 0
     assert shard_bytes(dataset) == before
+
+
+def mounted(folder: pathlib.Path, mount: str) -> subprocess.CompletedProcess[str]:
+    """The command in a mount namespace of its own, where `mount` has been done to its folder for runs."""
+    command = f"mount {mount} runs && exec {sys.executable} -m agile_jax.cli expert e.toml {' '.join(SMALL)}"
+    unshare = ["unshare", "--mount", "sh", "-c", command]
+    return subprocess.run(unshare, cwd=folder, capture_output=True, text=True, timeout=120)
+
+
+@pytest.mark.parametrize(
+    ("mount", "words"),
+    [("-t tmpfs -o size=32k none", "No space left on device"), ("-t tmpfs -o ro none", "Read-only file system")],
+)
+def test_a_disk_that_is_full_or_read_only_is_one_line_and_the_run_goes_on_later(tmp_path, mount, words):
+    (tmp_path / "runs").mkdir()
+    probe = ["unshare", "--mount", "mount", *mount.split(), str(tmp_path / "runs")]
+    try:
+        subprocess.run(probe, check=True, capture_output=True)
+    except (OSError, subprocess.CalledProcessError):
+        pytest.skip("this user may not mount")
+    (tmp_path / "e.toml").write_text(f'extends = "{BASE}"\nname = "n"\n')
+    done = mounted(tmp_path, mount)
+    assert done.returncode == 1, done.stderr
+    assert words in done.stderr.splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert agile(folder=tmp_path).returncode == 0
+
+
+def test_a_file_where_a_folder_should_be_is_refused(tmp_path):
+    (tmp_path / "runs" / "n").mkdir(parents=True)
+    (tmp_path / "runs" / "n" / "dataset").write_text("not a folder")
+    done = agile(folder=tmp_path)
+    assert done.returncode == 2
+    assert "runs/n/dataset" in done.stderr
+    assert "Traceback" not in done.stderr
+    assert (tmp_path / "runs" / "n" / "dataset").read_text() == "not a folder"
+
+
+def kill_at_first(task: object) -> object:
+    """`make_shard` in a worker that is killed the first time that it gets to shard 2."""
+    marker = pathlib.Path(tempfile.gettempdir()) / "killed"
+    if task.shard == 2 and not marker.exists():  # type: ignore[attr-defined]
+        marker.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    return make_shard(task)  # type: ignore[arg-type]
+
+
+def test_a_worker_that_is_killed_changes_no_byte(reference, tmp_path, monkeypatch):
+    (tmp_path / "scratch").mkdir()
+    monkeypatch.setenv("TMPDIR", str(tmp_path / "scratch"))  # of this process and its workers
+    monkeypatch.setattr(tempfile, "tempdir", None)
+    module = sys.modules["agile_jax.dataset.generate"]  # the package has a function of this name
+    monkeypatch.setattr(module, "make_shard", kill_at_first)
+    summary = make(tmp_path / "dataset", functools.partial(open_engine, "local", 1))
+    assert (tmp_path / "scratch" / "killed").exists()
+    assert shard_bytes(tmp_path / "dataset") == shard_bytes(reference[0])
+    assert summary["dataset_hash"] == reference[1]["dataset_hash"]
 
 
 def test_target_that_cannot_be_reached_is_a_failure_with_its_cause(tmp_path):

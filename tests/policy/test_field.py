@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 
+from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.policy import PolicySettings, braking_law, follow, make_policy, parameter_count
 from agile_jax.policy.braking import rest_to_rest_time
-from agile_jax.policy.closed_loop import COLLIDED
+from agile_jax.policy.closed_loop import ARRIVED, COLLIDED
 from agile_jax.policy.features import face_distances
 from agile_jax.policy.planes import separating_planes
 from agile_jax.policy.speed_limit import brake_before_obstacles
@@ -157,6 +158,30 @@ def test_yaw_is_wrapped():
     pose = np.array([0.3, 0.2, 0.26, 0.5])
     turned = pose + np.array([0, 0, 0, 2 * np.pi])
     np.testing.assert_allclose(velocity(parameters, pose), velocity(parameters, turned), atol=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "start", "target", "turn"),
+    [(-3.2, 3.2, 3.0, -3.0, 2 * np.pi - 6), (-3.1, 3.1, 3.0, -3.0, -6.0), (1.0, 5.0, 1.1, 4.5 - 2 * np.pi, 3.4)],
+)
+def test_the_field_turns_as_the_planner_does(low, high, start, target, turn):
+    """Across the cut where the bounds hold a circle, between them where they do not."""
+    inside = target if low <= target <= high else target + 2 * np.pi
+    settings = SceneSettings(
+        target=(1.0, 0.0, 0.28, inside), lower=(-1.5, -3.0, 0.155, low), upper=(4.5, 3.0, 0.32, high)
+    )
+    scene = make_scene(settings)
+    expert = ExpertSettings(velocity=tuple(VELOCITY), acceleration=tuple(ACCELERATION), nodes=40)
+    planned = make_expert(scene, expert).solve([0.9, 0.0, 0.28, start]).trajectory.states[-1, 3] - start
+    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+    parameters = jax.tree.map(jnp.zeros_like, policy.init(jax.random.key(0)))
+    parameters = parameters._replace(normalization=policy.init(jax.random.key(0)).normalization)
+    measured = np.arctan2(np.sin(start), np.cos(start))  # as a quaternion gives it
+    followed = follow(policy, parameters, scene, np.array([[0.9, 0.0, 0.28, measured]]), duration=12.0)
+    driven = followed.poses[0, -1, 3] - measured
+    assert planned == pytest.approx(turn, abs=1e-6)
+    assert driven == pytest.approx(turn, abs=0.02)
+    assert followed.outcome[0] == ARRIVED
 
 
 def test_filter_only_takes_away_what_closes_on_the_obstacle_too_fast():

@@ -34,6 +34,21 @@ def test_options():
     assert {MODEL.camera(index).name for index in range(MODEL.ncam)} == {"side", "front", "track"}
 
 
+def test_legs_collide_and_replace_those_that_are_only_looked_at():
+    scene = make_scene(SceneSettings(obstacles=(TABLE.model_copy(update={"leg_size": (0.06, 0.06)}), BOX)))
+    model = build_mujoco_model(scene, RobotSettings(), 0.001)
+    assert model.ngeom == MODEL.ngeom  # four boxes that collide instead of four that do not
+    for index in range(6):
+        geom = model.geom(f"obstacle_{index}")
+        np.testing.assert_allclose(geom.pos, scene.obstacle_centers[index])
+        np.testing.assert_allclose(geom.size, scene.obstacle_half_sizes[index])
+    x, y, _ = scene.obstacle_centers[3]
+    through = touching(model, standing_qpos(ROBOT, np.array([x, y, 0.17, 0.3])))
+    assert ("obstacle_3", "trunk_body") in through
+    between = touching(model, standing_qpos(ROBOT, np.array([1.5, 0.2, 0.17, 0.3])))
+    assert not {pair for pair in between if pair[0].startswith("obstacle_")}
+
+
 def test_obstacles_are_the_scenes():
     for index in range(2):
         geom = MODEL.geom(f"obstacle_{index}")
