@@ -132,6 +132,14 @@ def test_task_that_always_kills_its_worker_fails_alone(local):
     assert results == {i: i for i in (0, 2, 3, 4)}
 
 
+def test_a_worker_that_nobody_replaces_is_replaced():
+    """Its nanny has gone, too, as it does when a worker dies while it starts."""
+    with open_engine("local", workers=1) as engine:
+        cluster = engine._client.cluster
+        cluster.sync(cluster.workers[0].close)
+        assert dict(engine.map(square, range(2))) == {0: 0, 1: 1}
+
+
 def test_hung_task_is_cut_off_and_fails_alone(local):
     began = time.monotonic()
     tasks = [(i, 1000 if i == 1 else 0.1) for i in range(5)]

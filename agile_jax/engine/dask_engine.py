@@ -35,10 +35,21 @@ class Flight(NamedTuple):
 class DaskEngine:
     """Runs tasks through a dask.distributed client whose workers have one thread each."""
 
-    def __init__(self, client: Any, patience_s: float = PATIENCE_S):
+    def __init__(
+        self, client: Any, patience_s: float = PATIENCE_S, replenish: Callable[[], None] | None = None
+    ) -> None:
+        """Use a client.
+
+        Args:
+            client: of the cluster.
+            patience_s: with a cluster without workers.
+            replenish: called while there are fewer workers than at the beginning; a nanny replaces its worker unless
+                that dies while it starts.
+        """
         self._client = client
         self._patience_s = patience_s
-        self.workers = max(1, len(client.nthreads()))
+        self._replenish = replenish
+        self._wanted = self.workers = max(1, len(client.nthreads()))
 
     def map(
         self, function: Callable[[Any], Any], tasks: Sequence[Any], time_limit_s: float | None = None
@@ -81,6 +92,8 @@ class DaskEngine:
             if end or not watch.look(flights):
                 continue
             self.workers = max(1, watch.workers)
+            if self._replenish is not None and watch.workers < self._wanted:
+                self._replenish()
             if watch.deserted_s > self._patience_s:
                 end = f"the cluster has had no worker for {self._patience_s:g} s"
             for key, worker in watch.overdue(time_limit_s):

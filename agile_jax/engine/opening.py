@@ -18,6 +18,7 @@ from agile_jax.settings import BadInput
 # digits.
 THREADS = {name: "1" for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMEXPR_NUM_THREADS")}
 ALLOWED_DEATHS = 2  # of workers under one task, before the task is given up
+LOST_AFTER = "5s"  # without its worker a nanny is taken for dead: it ends with one that dies while it starts
 
 
 def check_engine(address: str, workers: int | None) -> None:
@@ -43,8 +44,9 @@ def open_engine(address: str = "local", workers: int | None = None) -> Iterator[
     if address == "inline":
         yield InlineEngine()
     elif address == "local":
-        with _local_client(workers or len(os.sched_getaffinity(0))) as client:
-            yield DaskEngine(client)
+        count = workers or len(os.sched_getaffinity(0))
+        with _local_client(count) as client:
+            yield DaskEngine(client, replenish=lambda: client.cluster.scale(count))
     else:
         with _remote_client(address) as client:
             yield DaskEngine(client)
@@ -55,7 +57,11 @@ def _local_client(workers: int) -> Iterator[Any]:
     import dask
     from distributed import Client, LocalCluster
 
-    quiet = {"distributed.scheduler.allowed-failures": ALLOWED_DEATHS, "distributed.admin.tick.limit": "1h"}
+    quiet = {
+        "distributed.scheduler.allowed-failures": ALLOWED_DEATHS,
+        "distributed.admin.tick.limit": "1h",
+        "distributed.deploy.lost-worker-timeout": LOST_AFTER,
+    }
     with (
         _quiet_loggers(),
         _environment_kept(),
