@@ -74,6 +74,10 @@ def run(
         OSError: the disk is full or cannot be written; what is there stays whole.
     """
     check_engine(engine, workers)
+    if "evaluation" in stages and (experiment.evaluation.devices > 1 or experiment.evaluation.backend == "mjx-warp"):
+        from agile_jax.evaluation import check_devices  # loads JAX
+
+        check_devices(experiment.evaluation)
     if not overwrite:
         refuse_other_settings(run_dir, experiment, tuple(stages))
     results = {}

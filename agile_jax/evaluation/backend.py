@@ -18,12 +18,15 @@ from agile_jax.policy import PolicySettings, load_parameters, make_policy
 from agile_jax.policy.braking import braking_law
 from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene, planar_scene
+from agile_jax.settings import BadInput
 from agile_jax.simulation import (
     Command,
+    Implementation,
     MjxSlots,
     MujocoPhysics,
     MujocoSlots,
     batch_loop,
+    check_warp,
     make_closed_loop,
     mjx_init,
     mjx_loop,
@@ -91,11 +94,29 @@ def make_backend(inputs: Inputs, training_directory: pathlib.Path, slots: int, t
         return _median_latency(query, scene.target)
 
     plan_dt = inputs.control.plan_dt
-    if inputs.evaluation.backend == "mjx":
-        on_device = MjxSlots(mjx_loop(loop, mjx_init(model)), slots, parameters)
+    if inputs.evaluation.backend != "mujoco":
+        devices = check_devices(inputs.evaluation)
+        implementation: Implementation = "warp" if inputs.evaluation.backend == "mjx-warp" else "jax"
+        on_device = MjxSlots(
+            mjx_loop(loop, mjx_init(model, implementation, -(-slots // devices)), devices), slots, parameters
+        )
         return Backend(on_device, qpos, str(jax.devices()[0].device_kind), plan_dt, query_seconds)
     in_threads = MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters, planner)
     return Backend(in_threads, qpos, "cpu", plan_dt, query_seconds)
+
+
+def check_devices(settings: EvaluationSettings) -> int:
+    """The number of devices that an evaluation in MJX uses.
+
+    Raises:
+        BadInput: there are fewer, or MuJoCo Warp cannot run here.
+    """
+    if settings.backend == "mjx-warp":
+        check_warp()
+    if settings.devices > len(jax.devices()):
+        found = f"{len(jax.devices())} ({jax.devices()[0].platform})"
+        raise BadInput(f"evaluation.devices = {settings.devices}, but JAX finds {found}")
+    return settings.devices
 
 
 def _command(inputs: Inputs, scene: Scene, training_directory: pathlib.Path) -> tuple[Command, Any]:

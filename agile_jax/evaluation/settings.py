@@ -16,17 +16,20 @@ class EvaluationSettings(Settings):
     """
 
     episodes: Count = 64
-    backend: Literal["mujoco", "mjx"] = "mujoco"
+    # C MuJoCo in threads; all in one compiled scan, in MJX or in MuJoCo Warp (NVIDIA GPUs, mujoco-mjx[warp]).
+    backend: Literal["mujoco", "mjx", "mjx-warp"] = "mujoco"
     planner: Literal["policy", "replan", "open_loop", "open_loop_2d", "straight"] = "policy"
     replan_interval: Positive = 0.1  # of the planner "replan" [s]
     batch: Count = 64  # episodes simulated at once; does not change their results
+    devices: Count = 1  # of JAX, that share the batch in MJX; does not change their results
     seed: Annotated[int, Field(ge=0)] = 0  # of the starts, beside the experiment's own
     traced: Annotated[int, Field(ge=0)] = 8  # episodes recorded for figures and videos
 
     @model_validator(mode="after")
     def _planner_runs_in_the_backend(self) -> "EvaluationSettings":
-        if self.backend == "mjx" and self.planner not in ("policy", "straight"):
+        if self.backend != "mujoco" and self.planner not in ("policy", "straight"):
             raise ValueError(
-                f'planner = "{self.planner}" asks the expert on the host, which backend = "mjx" cannot; use "mujoco"'
+                f'planner = "{self.planner}" asks the expert on the host, which backend = "{self.backend}" cannot; '
+                'use "mujoco"'
             )
         return self

@@ -16,6 +16,7 @@ from agile_jax.expert.transcription import Arguments, Program
 from agile_jax.scene import POSE_SIZE
 
 CROSSING = 0.5  # of the full speed, at which the guess goes around an edge
+ABOUT = 2  # decimals of a solution from which the next one begins
 SHORTEST_PHASE = 1e-3  # [s] keeps the program regular where a phase would vanish
 LONGEST_PHASE = 1e3  # [s]
 PIN_ROOM = 0.01  # [m] around a pinned value, so that its equality does not sit on a bound
@@ -117,6 +118,16 @@ def disturbed(arguments: Arguments, seed: int) -> Arguments:
     generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(seed)))
     noise = 0.05 * (1 + seed % 2) * generator.standard_normal(arguments.guess.shape)
     return arguments._replace(guess=np.clip(arguments.guess + noise, arguments.lower, arguments.upper))
+
+
+def near(arguments: Arguments, program: Program, variables: np.ndarray) -> Arguments:
+    """The same problem from about a solution, such that all who have found it begin at the very same place.
+
+    Angles of planes that the torso does not touch are not determined, so they begin where they always do.
+    """
+    guess = np.round(variables, ABOUT)
+    guess[list(program.angles)] = arguments.guess[list(program.angles)]
+    return arguments._replace(guess=np.clip(guess, arguments.lower, arguments.upper))
 
 
 def _make_room(low: np.ndarray, high: np.ndarray, pin: Face) -> None:

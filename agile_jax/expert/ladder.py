@@ -93,7 +93,7 @@ class Ladder:
             guess: 0 for the usual initial guess; other numbers disturb it, each in its own way.
             rival: an objective that is already had; a route with detours that stays well above it is given up.
         """
-        from agile_jax.expert.arguments import disturbed, faces_with_rows, make_arguments
+        from agile_jax.expert.arguments import disturbed, faces_with_rows, make_arguments, near
         from agile_jax.expert.transcription import Phase, Solved, solve_program, split_nodes
 
         settings = self._settings
@@ -103,7 +103,7 @@ class Ladder:
         causes: list[str] = []
 
         def climb(
-            rungs: Sequence[Rung], weight: float, near: Solved | None = None, boundaries: np.ndarray | None = None
+            rungs: Sequence[Rung], weight: float, previous: Solved | None = None, boundaries: np.ndarray | None = None
         ) -> tuple[Solved, Residuals, Rung] | None:
             """The first rung's solution that is good, from the guess or from another solution."""
             for rung in rungs:
@@ -120,8 +120,8 @@ class Ladder:
                     rung.slowness,
                     boundaries,
                 )
-                if near is not None:
-                    arguments = arguments._replace(guess=near.variables)
+                if previous is not None:
+                    arguments = near(arguments, program, previous.variables)
                 elif guess or rung.noise:
                     arguments = disturbed(arguments, guess + NOISES * rung.noise)
                 solved = solve_program(program, arguments)
@@ -138,17 +138,17 @@ class Ladder:
         begin = [rung.name for rung in RUNGS].index(first)
         rungs = RUNGS[begin:] + RUNGS[:begin]
         used: list[Rung] = []
-        near: Solved | None = None
+        smoother: Solved | None = None
         if route.detours:
             found = climb(rungs, SMOOTH * settings.effort_weight)
             if found is None:
                 return "; ".join(causes)
-            near, _, rung = found
-            duration = near.trajectory.times[-1]
-            if duration + (near.objective - duration) / SMOOTH > rival * (1 + HOPELESS):
+            smoother, _, rung = found
+            duration = smoother.trajectory.times[-1]
+            if duration + (smoother.objective - duration) / SMOOTH > rival * (1 + HOPELESS):
                 return "another route is better"
             used, rungs = [rung], RUNGS
-        found = climb(rungs, settings.effort_weight, near)
+        found = climb(rungs, settings.effort_weight, smoother)
         if found is None:
             return "; ".join(causes)
         solved, residuals, rung = found

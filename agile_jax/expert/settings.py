@@ -38,7 +38,7 @@ class ExpertSettings(Settings):
     # Around obstacles' edges the general program keeps the margin exactly (rounded), or stays within the fast path's
     # square corners, whose diagonal is up to sqrt(2) margins away.
     edges: Literal["rounded", "square"] = "rounded"
-    max_routes: Count = 12  # routes solved by the general program for one start at most
+    max_routes: Count = 24  # routes solved by the general program for one start at most
     starts: Literal["paper", "wide"] = "paper"  # paper: scene.start; wide: dataset/starts.py
     wide_paper_fraction: Fraction = 0.35  # of the wide starts, drawn as the paper's but at any height
     wide_target_fraction: Fraction = 0.15  # of the wide starts, drawn around the target

@@ -75,6 +75,7 @@ class Program(NamedTuple):
     solver: Any  # casadi.Function
     phases: tuple[Phase, ...]
     intervals: tuple[int, ...]  # per phase
+    angles: tuple[int, ...]  # which variables are angles of planes around edges
     scheme: str
     constraints: tuple[tuple[str, int, int, int], ...]  # (kind, node, phase, rows) in the order of the program
 
@@ -120,6 +121,7 @@ def build_program(
     size = 2 * POSE_SIZE + 1 + linear * POSE_SIZE
     states = [ca.SX.sym(f"x{k}", size) for k in range(settings.nodes + 1)]
     variables: list[Any] = []
+    angles: list[int] = []
     rows: list[Any] = []
     constraints: list[tuple[str, int, int, int]] = []
     objective: Any = 0
@@ -145,6 +147,8 @@ def build_program(
         u, h = (x[-POSE_SIZE:] if linear else control[:POSE_SIZE]), tau * fractions[k]
         u_next = control[:POSE_SIZE]
         following = [*step(scheme, pose, rate, h, u, u_next), control[-1] if ends_phase else tau]
+        if p in edges:
+            angles.append(sum(v.numel() for v in variables) + size + POSE_SIZE)
         variables += [x, control]
         # FATROP finds the stages by these rows: the step first, then what holds at the node.
         require("step", k, p, states[k + 1] - ca.vertcat(*following, *([u_next] if linear else [])))
@@ -192,7 +196,7 @@ def build_program(
         options |= {"structure_detection": "auto", "equality": equality}
     name = "route_" + "_".join(f"{phase.edge:d}{phase.faces}" for phase in phases)
     function = ca.nlpsol(name, plugin, problem, options)
-    return Program(function, tuple(phases), intervals, scheme, tuple(constraints))
+    return Program(function, tuple(phases), intervals, tuple(angles), scheme, tuple(constraints))
 
 
 def _corner_heights(state: Any, face: Any, corners: Sequence[tuple[float, float]]) -> Any:

@@ -1,6 +1,6 @@
 """Closed-loop episodes: the loop of one robot, its outcome, and the two physics backends that drive many at once."""
 
-from agile_jax.simulation.mjx_physics import mjx_init
+from agile_jax.simulation.mjx_physics import Implementation, check_warp, mjx_init
 from agile_jax.simulation.mjx_slots import MjxSlots, mjx_loop
 from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.mujoco_slots import MujocoSlots, batch_loop
@@ -19,6 +19,7 @@ __all__ = [
     "ClosedLoop",
     "Command",
     "Episode",
+    "Implementation",
     "LastStates",
     "MjxSlots",
     "MujocoPhysics",
@@ -32,6 +33,7 @@ __all__ = [
     "Slots",
     "Trace",
     "batch_loop",
+    "check_warp",
     "gather",
     "make_closed_loop",
     "mjx_init",

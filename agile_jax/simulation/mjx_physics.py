@@ -1,11 +1,14 @@
 """The physics in MJX, compiled by JAX: pure functions of one robot; vmap them.
 
-MJX is 32 bit here and looks at every possible contact; otherwise it computes what MuJoCo C computes.
+MJX is 32 bit here. Its own implementation ("jax") looks at every possible contact; otherwise it computes what MuJoCo C
+computes. The other one ("warp") is MuJoCo Warp, for NVIDIA GPUs.
 """
 
 import contextlib
+import copy
 import io
-from typing import Any, NamedTuple
+from collections.abc import Callable
+from typing import Any, Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -18,30 +21,65 @@ with contextlib.redirect_stdout(io.StringIO()):  # it prints how to install its 
     from mujoco import mjx
 
 
+MAX_CONTACTS = (
+    32  # of one robot, in MuJoCo Warp, which has a memory for them: feet and knees on the floor, trunk at a table
+)
+MAX_ROWS = 192  # of constraints of one robot there: pyramids of the contacts, friction and limits of the joints
+
+Implementation = Literal["jax", "warp"]
+
+
 class MjxModel(NamedTuple):
     """A model on the device."""
 
     model: Any  # mjx.Model
     slots: TouchSlots
+    make_data: Callable[[], Any]  # mjx.Data of one robot
 
 
-def mjx_init(model: mujoco.MjModel) -> MjxModel:
+def check_warp() -> None:
+    """Refuse MuJoCo Warp (BadInput) where it is not installed or there is no NVIDIA GPU."""
+    if not mjx.warp.WARP_INSTALLED:
+        raise BadInput('evaluation.backend = "mjx-warp" needs MuJoCo Warp: pip install "mujoco-mjx[warp]"')
+    if jax.default_backend() != "gpu":
+        raise BadInput(
+            f'evaluation.backend = "mjx-warp" needs an NVIDIA GPU, and JAX finds {jax.devices()[0].platform} only; '
+            'use "mujoco" or "mjx"'
+        )
+
+
+def mjx_init(model: mujoco.MjModel, implementation: Implementation = "jax", robots: int = 1) -> MjxModel:
     """Put a model made by `robot.build_mujoco_model` on the device.
+
+    Args:
+        model: of C MuJoCo.
+        implementation: of MJX.
+        robots: simulated at once, for which MuJoCo Warp reserves memory.
 
     Raises:
         BadInput: MJX has no collision between two kinds of shape of this model.
     """
+
+    def make_data() -> Any:
+        if implementation == "warp":
+            return mjx.make_data(model, impl="warp", naconmax=MAX_CONTACTS * robots, njmax=MAX_ROWS)
+        return mjx.make_data(on_device, impl="jax")
+
+    if implementation == "warp":  # it never resets by itself, and refuses models that ask it not to
+        model = copy.copy(model)
+        model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     try:
-        return MjxModel(mjx.put_model(model, impl="jax"), touch_slots(model))
+        on_device = mjx.put_model(model, impl=implementation)
     except NotImplementedError as error:
         raise BadInput(
             f'MJX cannot simulate this robot in this scene: {error}; use evaluation.backend = "mujoco"'
         ) from None
+    return MjxModel(on_device, touch_slots(model), make_data)
 
 
 def mjx_reset(model: MjxModel, qpos: jax.Array) -> Any:
     """Data of the robot at rest at coordinates (19,)."""
-    return mjx.make_data(model.model, impl="jax").replace(qpos=jnp.asarray(qpos))
+    return model.make_data().replace(qpos=jnp.asarray(qpos))
 
 
 def mjx_step(model: MjxModel, data: Any, torque: jax.Array) -> tuple[Any, Sensed]:

@@ -1,4 +1,7 @@
-"""Closed-loop episodes in MJX: policy, controller, physics and outcome in one compiled scan, vmapped over robots."""
+"""Closed-loop episodes in MJX: policy, controller, physics and outcome in one compiled scan, vmapped over robots.
+
+Over several devices each simulates its share of the robots; nothing passes between them.
+"""
 
 from collections.abc import Callable
 from typing import Any, NamedTuple
@@ -6,6 +9,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.sharding import Mesh, PartitionSpec
 
 from agile_jax.simulation.mjx_physics import MjxModel, mjx_reset, mjx_step
 from agile_jax.simulation.outcome import RUNNING
@@ -27,16 +31,23 @@ class MjxState(NamedTuple):
 
 
 class MjxLoop(NamedTuple):
-    """Compiled functions of many robots; compiled anew for each number of them."""
+    """Compiled functions of many robots, a multiple of the number of devices; compiled anew for each number of them."""
 
     first: Callable[..., MjxState]  # (qpos (n, nq), time limits (n,)) -> states
     begin: Callable[..., MjxState]  # (mask (n,), qpos, time limits, states) -> states, new where masked
     # (policy parameters, states) -> states a segment later; was it running (n, SEGMENT), samples (n, SEGMENT, ...)
     advance: Callable[..., tuple[MjxState, tuple[jax.Array, Sample]]]
+    devices: int
 
 
-def mjx_loop(loop: ClosedLoop, model: MjxModel) -> MjxLoop:
-    """Compile a closed loop with its physics; keep it, a second one would compile again."""
+def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
+    """Compile a closed loop with its physics; keep it, a second one would compile again.
+
+    Args:
+        loop: of one robot.
+        model: from `mjx_init`.
+        devices: how many of JAX's devices share the robots.
+    """
 
     def one_act(carry: tuple[Any, Episode, Sensed], _: None) -> tuple[tuple[Any, Episode, Sensed], None]:
         data, episode, sensed = carry
@@ -66,10 +77,20 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel) -> MjxLoop:
     def advance(parameters: Any, state: MjxState) -> tuple[MjxState, tuple[jax.Array, Sample]]:
         return jax.lax.scan(lambda carry, _: one_plan(parameters, carry), state, None, length=SEGMENT)
 
+    mesh, robots, everywhere = (
+        Mesh(np.array(jax.devices()[:devices]), ("robots",)),
+        PartitionSpec("robots"),
+        PartitionSpec(),
+    )
+
+    def shared(function: Callable[..., Any], *specs: PartitionSpec) -> Callable[..., Any]:
+        return jax.shard_map(function, mesh=mesh, in_specs=specs, out_specs=robots, check_vma=False)
+
     return MjxLoop(
-        jax.jit(jax.vmap(init)),
-        jax.jit(begin, donate_argnums=3),
-        jax.jit(jax.vmap(advance, in_axes=(None, 0)), donate_argnums=1),
+        jax.jit(shared(jax.vmap(init), robots, robots)),
+        jax.jit(shared(begin, robots, robots, robots, robots), donate_argnums=3),
+        jax.jit(shared(jax.vmap(advance, in_axes=(None, 0)), everywhere, robots), donate_argnums=1),
+        devices,
     )
 
 
@@ -79,8 +100,9 @@ class MjxSlots:
     plans_per_advance = SEGMENT
 
     def __init__(self, loop: MjxLoop, count: int, parameters: Any) -> None:
-        """Args: loop: from `mjx_loop`; count: of the slots; parameters: of the policy."""
-        self._loop, self._count, self._parameters = loop, count, parameters
+        """Args: loop: from `mjx_loop`; count: of the slots, at least; parameters: of the policy."""
+        self._loop, self._parameters = loop, parameters
+        self._count = -(-count // loop.devices) * loop.devices
         self._states: MjxState | None = None
 
     @property
