@@ -11,24 +11,16 @@ import jax
 import jax.numpy as jnp
 
 from agile_jax.control import cone_qp, gait, torques
-from agile_jax.control.centroidal import BodyState
-from agile_jax.control.mpc import MpcConstants, build_qp, mpc_constants
+from agile_jax.control.body import Body, Reference, measure
+from agile_jax.control.diagnostics import Diagnostics, after_act, after_plan, no_diagnostics
+from agile_jax.control.mpc import Qp, mpc_constants, robot_qp
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import foothold, forward_reach
-from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
+from agile_jax.geometry import quaternion_to_matrix, rotation_2d
 from agile_jax.robot import RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 
 KNEE_LIMIT_HEIGHT = 0.108  # trunk height at which the knee reaches its limit with the foot under the hip [m]
 SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
-
-
-class Reference(NamedTuple):
-    """What the trunk should do. Poses are [x, y, z, yaw] in the world [m, rad]; N nodes of the MPC."""
-
-    pose: jax.Array  # (4,) now
-    velocity: jax.Array  # (4,) now [m/s, rad/s]
-    poses: jax.Array  # (N, 4) at the ends of the MPC's steps
-    velocities: jax.Array  # (N, 4)
 
 
 class ControllerState(NamedTuple):
@@ -41,54 +33,31 @@ class ControllerState(NamedTuple):
     forces_world: jax.Array  # (4, 3) planned forces of the ground on the feet [N]
     integral: jax.Array  # (3,) correction of height [m], roll, pitch [rad]
     warm_start: cone_qp.WarmStart
-    residual: jax.Array  # () of the last MPC solution [N]
-    mpc_failures: jax.Array  # () int32, solutions whose residual exceeded the tolerance
+    diagnostics: Diagnostics
+
+
+class Plan(NamedTuple):
+    """What `plan` prepares for the solver."""
+
+    qp: Qp
+    body: Body
+    footholds_world: jax.Array  # (4, 3) [m]
+    integral: jax.Array  # (3,)
 
 
 class Controller(NamedTuple):
-    """A controller as three pure functions of one robot."""
+    """A controller as pure functions of one robot."""
 
     init: Callable[[RobotState], ControllerState]
+    problem: Callable[[ControllerState, RobotState, Reference], Qp]  # what `plan` solves
     plan: Callable[[ControllerState, RobotState, Reference], ControllerState]
     act: Callable[[ControllerState, RobotState], tuple[ControllerState, jax.Array]]
-
-
-class Body(NamedTuple):
-    """The measured state, as the planner sees it."""
-
-    R_world_base: jax.Array  # (3, 3)
-    rpy: jax.Array  # (3,) [rad]
-    com_world: jax.Array  # (3,) [m]
-    com_velocity_world: jax.Array  # (3,) [m/s]
-    mass: jax.Array  # () [kg]
-    inertia_base: jax.Array  # (3, 3) about the centre of mass [kg m^2]
-    com_base: jax.Array  # (3,) [m]
-
-
-def measure(robot: RobotModel, state: RobotState) -> Body:
-    """Composite mass properties at the current posture, and the motion of the centre of mass."""
-    R_world_base = quaternion_to_matrix(state.base_quat, jnp)
-
-    def center(joint_pos: jax.Array) -> jax.Array:
-        return composite_inertia(robot, joint_pos)[1]
-
-    mass, com_base, inertia = composite_inertia(robot, state.joint_pos)
-    _, com_rate = jax.jvp(center, (state.joint_pos,), (state.joint_vel,))
-    velocity = state.base_lin_vel_world + R_world_base @ (jnp.cross(state.base_ang_vel_base, com_base) + com_rate)
-    return Body(
-        R_world_base,
-        quaternion_to_rpy(state.base_quat, jnp),
-        state.base_pos + R_world_base @ com_base,
-        velocity,
-        mass,
-        inertia,
-        com_base,
-    )
 
 
 def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     """Compose gait, MPC, footholds and torques for a robot."""
     constants = mpc_constants(settings.mpc)
+    solve = cone_qp.make_solver(settings.mpc)
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
 
@@ -104,14 +73,14 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             forces_world=jnp.zeros((4, 3)).at[:, 2].set(weight / 4),
             integral=jnp.zeros(3),
             warm_start=cone_qp.cold_start(settings.mpc.horizon),
-            residual=jnp.float32(0.0),
-            mpc_failures=jnp.int32(0),
+            diagnostics=no_diagnostics(),
         )
 
-    def plan(state: ControllerState, robot_state: RobotState, reference: Reference) -> ControllerState:
+    def problem(state: ControllerState, robot_state: RobotState, reference: Reference) -> Qp:
+        return prepare(state, robot_state, reference).qp
+
+    def prepare(state: ControllerState, robot_state: RobotState, reference: Reference) -> Plan:
         body = measure(robot, robot_state)
-        yaw = body.rpy[2]
-        R_yaw = rotation_2d(yaw, jnp)
         feet_world = robot_state.base_pos + leg_forward_kinematics(robot, robot_state.joint_pos) @ body.R_world_base.T
 
         footholds = plan_footholds(state.time, robot_state, body, reference)
@@ -120,39 +89,25 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         integral = state.integral + jnp.array(settings.integral_gain) * error * settings.plan_dt
         integral = jnp.clip(integral, -limit, limit)
 
-        nodes = settings.mpc.horizon
-        contact_times = state.time + settings.plan_dt / 2 + settings.mpc.mpc_dt * jnp.arange(nodes)
+        contact_times = state.time + settings.plan_dt / 2 + settings.mpc.mpc_dt * jnp.arange(settings.mpc.horizon)
         contact = gait.stance(gait_settings, contact_times).astype(jnp.float32)
-        # Feet that stand now keep their place; feet that land within the horizon stand on their foothold.
-        standing = gait.stance(gait_settings, state.time)
-        support = jnp.where(standing[:, None], feet_world, footholds)
-        travelled = jnp.concatenate([reference.pose[None], reference.poses[:-1]])[:, :3] - reference.pose[:3]
-        levers = support[None] - (body.com_world + travelled)[:, None, :]  # (N, 4, 3) world
-        levers = jnp.concatenate([levers[..., :2] @ R_yaw, levers[..., 2:]], -1)  # yaw frame
+        support = plan_support(state.time, contact_times, feet_world, footholds, reference)
+        qp = robot_qp(constants, settings.mpc, robot, robot_state, body, reference, integral, support, contact)
+        return Plan(qp, body, footholds, integral)
 
-        qp = build_qp(
-            constants,
-            settings.mpc,
-            body_in_yaw_frame(robot_state, body, R_yaw),
-            reference_in_yaw_frame(reference, body, yaw, R_yaw, integral),
-            body.mass,
-            inertia_in_yaw_frame(body),
-            levers,
-            contact,
-        )
-        solution = cone_qp.solve(qp, state.warm_start, settings.mpc.iterations)
-        forces_yaw = solution.forces[0].reshape(4, 3)
-        forces_world = jnp.concatenate([forces_yaw[:, :2] @ R_yaw.T, forces_yaw[:, 2:]], -1)
-        residual = jnp.maximum(solution.primal_residual, solution.dual_residual)
+    def plan(state: ControllerState, robot_state: RobotState, reference: Reference) -> ControllerState:
+        qp, body, footholds, integral = prepare(state, robot_state, reference)
+        solution = solve(qp, cone_qp.shift(state.warm_start, settings.plan_dt / settings.mpc.mpc_dt))
+        forces_world = solution.forces[0].reshape(4, 3) @ body.R_world_yaw.T
+        # Without a solution the forces of the last plan are the best guess; act leaves out those of feet in the air.
+        forces_world = jnp.where(solution.status == cone_qp.NOT_FINITE, state.forces_world, forces_world)
         return state._replace(
             foothold_world=footholds,
             velocity_planar=body.com_velocity_world[:2],
             forces_world=forces_world,
             integral=integral,
             warm_start=solution.warm_start,
-            residual=residual,
-            # Not "residual > tolerance": a residual that is not a number is a failure too.
-            mpc_failures=state.mpc_failures + jnp.int32(~(residual <= settings.mpc.tolerance)),
+            diagnostics=after_plan(state.diagnostics, solution, forces_world, qp.friction, qp.force_max),
         )
 
     def plan_footholds(time: jax.Array, robot_state: RobotState, body: Body, reference: Reference) -> jax.Array:
@@ -183,6 +138,14 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         planar = hips + jnp.einsum("lij,lj->li", rotation, offset)
         return jnp.concatenate([planar, jnp.full((4, 1), foot_height)], -1)
 
+    def plan_support(
+        time: jax.Array, contact_times: jax.Array, feet: jax.Array, footholds: jax.Array, reference: Reference
+    ) -> jax.Array:
+        """Where each foot stands at the nodes: here, after a swing on its foothold, then as far ahead as the trunk."""
+        landings = gait.landings(gait_settings, time, contact_times)[..., None]  # (N, 4, 1)
+        stride = jnp.concatenate([reference.velocity[:2], jnp.zeros(1)]) * gait_settings.period
+        return jnp.where(landings == 0, feet, footholds + (landings - 1) * stride)
+
     def act(state: ControllerState, robot_state: RobotState) -> tuple[ControllerState, jax.Array]:
         R = quaternion_to_matrix(robot_state.base_quat, jnp)
         feet_base = leg_forward_kinematics(robot, robot_state.joint_pos)
@@ -193,7 +156,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         step_height = jnp.clip(headroom, 0.01, gait_settings.step_height)
         progress = gait.swing_progress(gait_settings, state.time)
         duration = gait.swing_duration(gait_settings)
-        torque = torques.whole_body_torque(
+        wanted = torques.whole_body_torque(
             robot,
             settings,
             robot_state,
@@ -202,45 +165,12 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             state.forces_world,
             torques.SwingTarget(lift_off, state.foothold_world, step_height, progress, duration),
         )
-        return state._replace(time=state.time + settings.control_dt, lift_off_world=lift_off), torque
+        torque = jnp.clip(wanted, -robot.torque_limit, robot.torque_limit)
+        diagnostics = after_act(state.diagnostics, robot, robot_state.joint_pos, wanted, torque, standing)
+        time = state.time + settings.control_dt
+        return state._replace(time=time, lift_off_world=lift_off, diagnostics=diagnostics), torque
 
-    return Controller(init, plan, act)
-
-
-def body_in_yaw_frame(robot_state: RobotState, body: Body, R_yaw: jax.Array) -> BodyState:
-    """The current state with the origin at the centre of mass's ground point and x along the heading."""
-    position = jnp.concatenate([body.rpy[:2], jnp.zeros(3), body.com_world[2:]])
-    angular = body.R_world_base @ robot_state.base_ang_vel_base
-    linear = body.com_velocity_world
-    velocity = jnp.concatenate([angular[:2] @ R_yaw, angular[2:], linear[:2] @ R_yaw, linear[2:]])
-    return BodyState(position, velocity)
+    return Controller(init, problem, plan, act)
 
 
-def reference_in_yaw_frame(
-    reference: Reference, body: Body, yaw: jax.Array, R_yaw: jax.Array, integral: jax.Array
-) -> BodyState:
-    """The reference of the centre of mass at the nodes, with the integral correction, shape (N, 6) each."""
-    nodes = len(reference.poses)
-    yaws = wrap_angle(reference.poses[:, 3] - yaw, jnp)
-    # The trunk's reference, shifted to the centre of mass with the trunk level at the reference's yaw.
-    offset = jnp.einsum("nij,j->ni", rotation_2d(reference.poses[:, 3], jnp), body.com_base[:2])
-    planar = (reference.poses[:, :2] + offset - body.com_world[:2]) @ R_yaw
-    height = reference.poses[:, 2] + body.com_base[2] + integral[0]
-    tilt = jnp.broadcast_to(integral[1:], (nodes, 2))
-    position = jnp.concatenate([tilt, yaws[:, None], planar, height[:, None]], -1)
-    velocities = reference.velocities
-    velocity = jnp.concatenate(
-        [jnp.zeros((nodes, 2)), velocities[:, 3:], velocities[:, :2] @ R_yaw, velocities[:, 2:3]], -1
-    )
-    return BodyState(position, velocity)
-
-
-def inertia_in_yaw_frame(body: Body) -> jax.Array:
-    """Inertia about the centre of mass, turned by roll and pitch only. Shape (3, 3) [kg m^2]."""
-    c, s = jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])
-    R_yaw_world = jnp.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    R = R_yaw_world @ body.R_world_base
-    return R @ body.inertia_base @ R.T
-
-
-__all__ = ["Controller", "ControllerState", "MpcConstants", "Reference", "make_controller", "measure"]
+__all__ = ["Controller", "ControllerState", "Reference", "make_controller"]

@@ -18,6 +18,15 @@ def stance(settings: GaitSettings, time: jax.Array) -> jax.Array:
     return phase(settings, time) < settings.duty
 
 
+def landings(settings: GaitSettings, start: jax.Array, time: jax.Array) -> jax.Array:
+    """How often each foot lands after `start` up to `time`. Shape (...) to (..., 4)."""
+
+    def cycles(moment: jax.Array) -> jax.Array:
+        return jnp.floor(moment[..., None] / settings.period + jnp.array(TROT_OFFSETS))
+
+    return cycles(time) - cycles(start)
+
+
 def swing_progress(settings: GaitSettings, time: jax.Array) -> jax.Array:
     """Progress of each swing in [0, 1]; 0 while standing. Shape (..., 4)."""
     return jnp.clip((phase(settings, time) - settings.duty) / (1 - settings.duty), 0.0, 1.0)

@@ -123,7 +123,7 @@ def episode_rows(rollout: Rollout, count: int) -> Columns:
         "velocity_tracking_rmse": np.sqrt(outcome.velocity_error_sum / steps),
         "torque_saturation": outcome.saturated / (12 * steps),
         "steps": outcome.steps,
-        "mpc_failures": rollout.mpc_failures,
+        **rollout.counts._asdict(),
         "plans": rollout.plans,
     }
     return {name: np.asarray(values)[:count] for name, values in columns.items()}

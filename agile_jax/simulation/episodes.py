@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from agile_jax.control import Counts
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.progress import silent
 from agile_jax.scene import Scene, clearance
@@ -21,7 +22,7 @@ class Rollout(NamedTuple):
     """What a batch of n episodes ended with."""
 
     outcome: Outcome  # leading axis n
-    mpc_failures: np.ndarray  # (n,) solutions above the tolerance
+    counts: Counts  # of the controller, leading axis n
     plans: np.ndarray  # (n,) solutions in all
     traces: list[Trace]  # of the first episodes
 
@@ -94,9 +95,9 @@ def run_mujoco(
         active = np.asarray(episodes.outcome.status) == RUNNING
         progress(int((~active).sum()), len(qpos), f"{float(np.max(episodes.outcome.time)):.1f} s simulated")
     outcome = jax.tree.map(np.asarray, episodes.outcome)
-    failures = np.asarray(episodes.controller.mpc_failures)
+    counts = jax.tree.map(np.asarray, episodes.controller.diagnostics.counts)
     plan_dt = loop.control_dt * loop.acts_per_plan
-    return Rollout(outcome, failures, plans, cut_traces(records, outcome.time, traced, plan_dt, scene))
+    return Rollout(outcome, counts, plans, cut_traces(records, outcome.time, traced, plan_dt, scene))
 
 
 def mjx_runner(loop: ClosedLoop, model: MjxModel) -> Callable[[Any, np.ndarray, np.ndarray], Rollout]:
@@ -129,18 +130,18 @@ def mjx_runner(loop: ClosedLoop, model: MjxModel) -> Callable[[Any, np.ndarray, 
         return MjxState(mjx_reset(model, qpos), loop.init(sensed, limit), sensed, jnp.int32(0))
 
     @jax.jit
-    def run(parameters: Any, qpos: jax.Array, limits: jax.Array) -> tuple[Outcome, jax.Array, jax.Array]:
+    def run(parameters: Any, qpos: jax.Array, limits: jax.Array) -> tuple[Outcome, Counts, jax.Array]:
         end = jax.lax.while_loop(
             lambda state: (state.episode.outcome.status == RUNNING).any(),
             lambda state: jax.vmap(one_plan, in_axes=(None, 0))(parameters, state),
             jax.vmap(begin)(qpos, limits),
         )
-        return end.episode.outcome, end.episode.controller.mpc_failures, end.plans
+        return end.episode.outcome, end.episode.controller.diagnostics.counts, end.plans
 
     def run_batch(parameters: Any, qpos: np.ndarray, limits: np.ndarray) -> Rollout:
         results = run(parameters, jnp.asarray(qpos, jnp.float32), jnp.asarray(limits, jnp.float32))
-        outcome, failures, plans = jax.tree.map(np.asarray, results)
-        return Rollout(outcome, failures, plans, [])
+        outcome, counts, plans = jax.tree.map(np.asarray, results)
+        return Rollout(outcome, counts, plans, [])
 
     return run_batch
 

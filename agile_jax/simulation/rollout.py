@@ -14,7 +14,7 @@ import numpy as np
 from agile_jax.control import ControllerState, ControlSettings, make_controller
 from agile_jax.robot import RobotModel, robot_state
 from agile_jax.scene import Scene
-from agile_jax.simulation.outcome import Outcome, init_outcome, trunk_pose, update_outcome
+from agile_jax.simulation.outcome import RUNNING, Outcome, init_outcome, trunk_pose, update_outcome
 from agile_jax.simulation.reference import Field, ReferenceState, plan_reference
 from agile_jax.simulation.sensed import Sensed
 
@@ -49,6 +49,15 @@ class Trace(NamedTuple):
     clearance: np.ndarray  # (K,) of the torso's envelope [m]
 
 
+def keep_counts(episode: Episode, state: ControllerState) -> ControllerState:
+    """The controller's new state; once the episode has ended, its counts stay."""
+    running = episode.outcome.status == RUNNING
+    counts = jax.tree.map(
+        lambda new, old: jnp.where(running, new, old), state.diagnostics.counts, episode.controller.diagnostics.counts
+    )
+    return state._replace(diagnostics=state.diagnostics._replace(counts=counts))
+
+
 def make_closed_loop(
     scene: Scene, robot: RobotModel, settings: ControlSettings, field: Field, acceleration_limit: np.ndarray
 ) -> ClosedLoop:
@@ -74,9 +83,8 @@ def make_closed_loop(
         reference_state, reference = plan_reference(
             field, parameters, episode.reference, trunk_pose(sensed), limit, settings
         )
-        return episode._replace(
-            controller=controller.plan(episode.controller, state, reference), reference=reference_state
-        )
+        planned = controller.plan(episode.controller, state, reference)
+        return episode._replace(controller=keep_counts(episode, planned), reference=reference_state)
 
     def act(episode: Episode, sensed: Sensed) -> Episode:
         saturated = jnp.sum(jnp.abs(episode.torque) >= robot.torque_limit * 0.9999).astype(jnp.float32)
@@ -84,6 +92,6 @@ def make_closed_loop(
             episode.outcome, sensed, scene, episode.reference.velocity[:2], saturated, settings.control_dt
         )
         state, torque = controller.act(episode.controller, robot_state(sensed.qpos, sensed.qvel))
-        return episode._replace(controller=state, outcome=outcome, torque=torque)
+        return episode._replace(controller=keep_counts(episode, state), outcome=outcome, torque=torque)
 
     return ClosedLoop(init, plan, act, settings.control_dt, round(settings.plan_dt / settings.control_dt))
