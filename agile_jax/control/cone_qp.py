@@ -10,6 +10,7 @@ else is there.
 """
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any, NamedTuple
 
 import jax
@@ -17,16 +18,17 @@ import jax.numpy as jnp
 
 from agile_jax.control.force_admm import Iterate, solve_cones
 from agile_jax.control.limit_admm import solve_limits
-from agile_jax.control.mpc import Qp
+from agile_jax.control.mpc import MpcConstants, Qp
 from agile_jax.control.projection import PROJECTIONS, shrink_into
-from agile_jax.control.scaled_qp import FORCE_UNIT, Projection, ScaledQp, scale
+from agile_jax.control.scaled_qp import FORCE_UNIT, ScaledQp, scale
 from agile_jax.control.settings import MpcSettings
 
 SOLVED, INFEASIBLE, UNCONVERGED, NOT_FINITE = 0, 1, 2, 3
 STATUS_NAMES = ("solved", "infeasible", "unconverged", "not finite")
 JOINT_TOLERANCE = 1e-3  # of the rows of joint positions [rad]
-GROUPS = 8  # a group of the second pass holds this part of a batch
-SMALLEST_GROUP = 8
+BLOCK = 64  # problems that a CPU solves at once
+GROUPS = 4  # a group of the second pass holds this part of a batch
+SMALLEST_GROUP = 16
 
 
 class WarmStart(NamedTuple):
@@ -52,13 +54,6 @@ class QpSolution(NamedTuple):
     warm_start: WarmStart
 
 
-class Pass(NamedTuple):
-    """Where a problem stands."""
-
-    iterate: Iterate
-    iterations: jax.Array  # () int32, of the second pass
-
-
 Solver = Callable[[Qp, WarmStart], QpSolution]
 
 
@@ -80,37 +75,66 @@ def shift(start: WarmStart, nodes: float) -> WarmStart:
     return WarmStart(move(start.forces), move(start.price))
 
 
-def make_solver(settings: MpcSettings) -> Solver:
+def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
     """The solver of one problem; vmap it."""
     tolerance = settings.tolerance / FORCE_UNIT
     shape = PROJECTIONS[settings.friction_cone]
 
-    def projection(qp: ScaledQp) -> Projection:
-        return lambda forces: shape(forces, qp.friction, qp.force_max) * qp.contact[..., None]
+    def left_to_do(qp: ScaledQp, found: Iterate) -> tuple[jax.Array, jax.Array]:
+        """Whether a problem needs the second pass, and a number that grows with how long it will take."""
+        over = violation(qp.torques(found.forces), qp.torque.lower, qp.torque.upper)
+        residual = jnp.maximum(jnp.maximum(found.primal, found.dual), over)
+        broken = joint_violation(constants, qp, found.forces)
+        difficulty = jnp.maximum(residual, broken)
+        solved = (residual <= tolerance) & (broken <= JOINT_TOLERANCE)
+        return ~solved & jnp.isfinite(difficulty), difficulty
 
-    def first(qp: Qp, start: WarmStart) -> tuple[Pass, jax.Array]:
-        """All problems, and whether each needs the second pass."""
-        scaled = scale(qp)
-        found = solve_cones(scaled, projection(scaled), *start, settings.iterations)
-        torque = violation(scaled.torques(found.forces), scaled.torque.lower, scaled.torque.upper)
-        done = jnp.maximum(jnp.maximum(found.primal, found.dual), torque) <= tolerance
-        done &= joint_violation(scaled, found.forces) <= JOINT_TOLERANCE
-        return Pass(found, jnp.int32(0)), ~done
+    def solve_batch(qps: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
+        """Both passes; the batch is the last axis. The iterates, and the iterations of the second pass."""
+        found = solve_cones(constants, qps, shape, *start, settings.iterations)
+        pending, difficulty = jax.vmap(left_to_do, -1)(qps, found)
+        size = len(pending)
+        group = min(size, max(SMALLEST_GROUP, size // GROUPS))
 
-    def second(qp: Qp, begun: Pass) -> Pass:
-        scaled = scale(qp)
-        return Pass(
-            *solve_limits(
-                scaled, projection(scaled), begun.iterate, settings.iterations_max, tolerance, JOINT_TOLERANCE
-            )
-        )
+        def one_group(
+            carry: tuple[tuple[Iterate, jax.Array], jax.Array],
+        ) -> tuple[tuple[Iterate, jax.Array], jax.Array]:
+            (found, done), pending = carry
+            # Alike problems together: each waits for the slowest. Solved ones that fill a group stay as they are.
+            index = jnp.argsort(jnp.where(pending, -difficulty, jnp.inf))[:group]
+            members, begun = jax.tree.map(lambda values: values[..., index], (qps, found))
+            new = solve_limits(constants, members, shape, begun, settings.iterations_max, tolerance, JOINT_TOLERANCE)
 
-    def conclude(qp: Qp, end: Pass) -> QpSolution:
+            def put(values: jax.Array, new: jax.Array) -> jax.Array:
+                return values.at[..., index].set(jnp.where(pending[index], new, values[..., index]))
+
+            return jax.tree.map(put, (found, done), new), pending.at[index].set(False)
+
+        begun = (found, jnp.zeros(size, jnp.int32)), pending
+        return jax.lax.while_loop(lambda carry: carry[1].any(), one_group, begun)[0]
+
+    @jax.custom_batching.custom_vmap
+    def solve_one(qp: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
+        batch = jax.tree.map(lambda values: values[..., None], (qp, start))
+        return jax.tree.map(lambda values: values[..., 0], solve_batch(*batch))
+
+    @solve_one.def_vmap
+    def solve_many(size: int, batched: Any, qps: ScaledQp, start: WarmStart) -> tuple[tuple[Iterate, jax.Array], Any]:
+        def last(values: jax.Array, has_batch: bool) -> jax.Array:
+            if has_batch:
+                return jnp.moveaxis(values, 0, -1)
+            return jnp.broadcast_to(values[..., None], (*values.shape, size))
+
+        batch = jax.tree.map(last, (qps, start), tuple(batched))
+        end = jax.lax.platform_dependent(*batch, cpu=partial(in_blocks, solve_batch), default=solve_batch)
+        return jax.tree.map(lambda values: jnp.moveaxis(values, -1, 0), end), jax.tree.map(lambda _: True, end)
+
+    def solve(qp: Qp, start: WarmStart) -> QpSolution:
         scaled = scale(qp)
-        found = end.iterate
+        found, iterations = solve_one(scaled, start)
         finite = jnp.isfinite(found.forces).all() & jnp.isfinite(found.price).all()
         forces = shrink_into(found.forces, scaled.torques(found.forces), scaled.torque.lower, scaled.torque.upper)
-        broken = joint_violation(scaled, forces)
+        broken = joint_violation(constants, scaled, forces)
         converged = jnp.maximum(found.primal, found.dual) <= tolerance
         status = jnp.where(converged, jnp.where(broken <= 2 * JOINT_TOLERANCE, SOLVED, INFEASIBLE), UNCONVERGED)
         return QpSolution(
@@ -119,42 +143,25 @@ def make_solver(settings: MpcSettings) -> Solver:
             found.primal * FORCE_UNIT,
             found.dual * FORCE_UNIT,
             broken,
-            end.iterations,
+            iterations,
             WarmStart(jnp.where(finite, found.forces, 0.0), jnp.where(finite, found.price, 0.0)),
         )
 
-    @jax.custom_batching.custom_vmap
-    def both(qp: Qp, start: WarmStart) -> Pass:
-        begun, hard = first(qp, start)
-        return jax.lax.cond(hard, second, lambda _, begun: begun, qp, begun)
-
-    @both.def_vmap
-    def both_batched(size: int, batched: Any, qp: Qp, start: WarmStart) -> tuple[Pass, Any]:
-        axes = jax.tree.map(lambda has: 0 if has else None, batched)
-        begun, hard = jax.vmap(first, in_axes=tuple(axes))(qp, start)
-        group = min(size, max(SMALLEST_GROUP, size // GROUPS))
-
-        def one_group(carry: tuple[Pass, jax.Array]) -> tuple[Pass, jax.Array]:
-            passes, pending = carry
-            index = jnp.argsort(~pending)[:group]  # those that wait come first; others fill the group and stay
-            waits = pending[index]
-            some_qp = jax.tree.map(lambda has, values: values[index] if has else values, batched[0], qp)
-            old = jax.tree.map(lambda values: values[index], passes)
-            new = jax.vmap(second, in_axes=(axes[0], 0))(some_qp, old)
-
-            def put(values: jax.Array, before: jax.Array, after: jax.Array) -> jax.Array:
-                chosen = waits.reshape(-1, *[1] * (values.ndim - 1))
-                return values.at[index].set(jnp.where(chosen, after, before))
-
-            return jax.tree.map(put, passes, old, new), pending.at[index].set(False)
-
-        passes, _ = jax.lax.while_loop(lambda carry: carry[1].any(), one_group, (begun, hard))
-        return passes, jax.tree.map(lambda _: True, passes)
-
-    def solve(qp: Qp, start: WarmStart) -> QpSolution:
-        return conclude(qp, both(qp, start))
-
     return solve
+
+
+def in_blocks(solve: Callable[..., Any], *batch: Any) -> Any:
+    """Solve `BLOCK` problems after another, which stay in the cache of a core; a larger batch waits for memory."""
+    size = jax.tree.leaves(batch)[0].shape[-1]
+    whole = size - size % BLOCK
+    parts = [solve(*jax.tree.map(lambda values: values[..., whole:], batch))] if whole < size else []
+    if whole:
+        blocks = jax.tree.map(
+            lambda values: jnp.moveaxis(values[..., :whole].reshape(*values.shape[:-1], -1, BLOCK), -2, 0), batch
+        )
+        ends = jax.lax.map(lambda block: solve(*block), blocks)
+        parts.insert(0, jax.tree.map(lambda end: jnp.moveaxis(end, 0, -2).reshape(*end.shape[1:-1], whole), ends))
+    return jax.tree.map(lambda *ends: jnp.concatenate(ends, -1), *parts)
 
 
 def violation(values: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Array:
@@ -162,6 +169,6 @@ def violation(values: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Arra
     return jnp.maximum(jnp.maximum(lower - values, values - upper).max(), 0.0)
 
 
-def joint_violation(qp: ScaledQp, forces: jax.Array) -> jax.Array:
+def joint_violation(constants: MpcConstants, qp: ScaledQp, forces: jax.Array) -> jax.Array:
     """Of the rows of joint positions [rad]."""
-    return violation(qp.joints(qp.wrench(forces)), qp.joint.lower, qp.joint.upper)
+    return violation(qp.joints(constants, qp.wrench(forces)), qp.joint.lower, qp.joint.upper)

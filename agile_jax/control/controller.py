@@ -57,7 +57,7 @@ class Controller(NamedTuple):
 def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     """Compose gait, MPC, footholds and torques for a robot."""
     constants = mpc_constants(settings.mpc)
-    solve = cone_qp.make_solver(settings.mpc)
+    solve = cone_qp.make_solver(constants, settings.mpc)
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
 

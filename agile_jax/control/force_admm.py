@@ -17,7 +17,8 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agile_jax.control.scaled_qp import Projection, ScaledQp
+from agile_jax.control.mpc import MpcConstants
+from agile_jax.control.scaled_qp import Projection, ScaledQp, times
 
 PENALTY = 0.2  # rho; decides the speed of convergence, measured on problems of a walk
 OVER_RELAXATION = 1.8
@@ -32,35 +33,62 @@ class Iterate(NamedTuple):
     dual: jax.Array  # () largest rho |z - z_before| / (w + rho)
 
 
-def solve_cones(qp: ScaledQp, project: Projection, forces: jax.Array, price: jax.Array, iterations: int) -> Iterate:
-    """Run a fixed number of iterations.
+class Factors(NamedTuple):
+    """What all iterations share."""
+
+    inverse: jax.Array  # (batch, 6N, 6N) of the system
+    offset: jax.Array  # (N, 6, batch) H^-1 h
+
+
+def factorise(constants: MpcConstants, qp: ScaledQp) -> tuple[jax.Array, jax.Array]:
+    """`Factors` of one problem."""
+    nodes = len(qp.linear)
+    force_map = qp.force_map.reshape(nodes, 6, 12)
+    blocks = jnp.einsum("kif,kjf->kij", force_map, force_map) / (qp.force_weight + PENALTY)
+    node = jnp.arange(nodes)
+    system = constants.hessian_inverse.reshape(nodes, 6, nodes, 6).at[node, :, node, :].add(blocks)
+    factor = jax.lax.linalg.cholesky(system.reshape(6 * nodes, 6 * nodes), symmetrize_input=False)
+    inverse = jax.scipy.linalg.cho_solve((factor, True), jnp.eye(6 * nodes, dtype=system.dtype))
+    return inverse, (constants.hessian_inverse @ qp.linear.reshape(-1)).reshape(nodes, 6)
+
+
+def iterate(
+    qp: ScaledQp, factors: Factors, shape: Projection, forces: jax.Array, price: jax.Array
+) -> tuple[jax.Array, jax.Array, jax.Array]:
+    """One iteration of a batch: the new forces and price, and the forces g before the projection."""
+    diagonal = qp.force_weight + PENALTY
+    rhs = PENALTY * forces - price
+    wrench = qp.wrench(rhs)
+    multiplier = times(factors.inverse, factors.offset + wrench / diagonal)
+    free = (rhs - qp.wrench_transposed(multiplier)) / diagonal
+    relaxed = OVER_RELAXATION * free + (1 - OVER_RELAXATION) * forces
+    new = qp.project(shape, relaxed + price / PENALTY)
+    return new, price + PENALTY * (relaxed - new), free
+
+
+def solve_cones(
+    constants: MpcConstants,
+    qps: ScaledQp,
+    shape: Projection,
+    forces: jax.Array,
+    price: jax.Array,
+    iterations: int,
+) -> Iterate:
+    """Run a fixed number of iterations on a batch of problems, whose axis is the last one of every array.
 
     Args:
-        qp: the problem; its limits of torques and joints are not read.
-        project: onto the cones.
-        forces, price: where to begin, shape (N, 4, 3) each.
+        constants: of the controller.
+        qps: the problems; their limits of torques and joints are not read.
+        shape: projection onto cones.
+        forces, price: where to begin, shape (N, 4, 3, batch) each.
         iterations: fixed count.
     """
-    nodes = len(qp.linear)
-    diagonal = qp.force_weight + PENALTY
-    blocks = jnp.einsum("kif,kjf->kij", qp.force_map, qp.force_map) / diagonal  # (N, 6, 6)
-    node = jnp.arange(nodes)
-    system = qp.hessian_inverse.reshape(nodes, 6, nodes, 6).at[node, :, node, :].add(blocks).reshape(6 * nodes, -1)
-    factor = jax.lax.linalg.cholesky(system, symmetrize_input=False)
-    inverse = jax.scipy.linalg.cho_solve((factor, True), jnp.eye(6 * nodes, dtype=system.dtype))
-    offset = qp.hessian_inverse @ qp.linear.reshape(-1)
+    factors = Factors(*jax.vmap(factorise, (None, -1), (0, -1))(constants, qps))
 
-    def step(carry: Iterate, _: None) -> tuple[Iterate, None]:
-        rhs = PENALTY * carry.forces - carry.price
-        wrench = qp.wrench(rhs).reshape(-1) / diagonal
-        multiplier = (inverse @ (offset + wrench)).reshape(nodes, 6)
-        free = (rhs - qp.wrench_transposed(multiplier)) / diagonal
-        relaxed = OVER_RELAXATION * free + (1 - OVER_RELAXATION) * carry.forces
-        new = project(relaxed + carry.price / PENALTY)
-        price = carry.price + PENALTY * (relaxed - new)
-        change = jnp.abs(new - carry.forces).max() * PENALTY / diagonal
-        return Iterate(new, price, jnp.abs(free - new).max(), change), None
+    def step(carry: tuple[jax.Array, jax.Array], _: None) -> tuple[tuple[jax.Array, jax.Array], None]:
+        return iterate(qps, factors, shape, *carry)[:2], None
 
-    unknown = jnp.full((), jnp.inf, forces.dtype)
-    end, _ = jax.lax.scan(step, Iterate(forces, price, unknown, unknown), None, length=iterations)
-    return end
+    before, _ = jax.lax.scan(step, (forces, price), None, length=iterations - 1)
+    new, price, free = iterate(qps, factors, shape, *before)
+    change = jnp.abs(new - before[0]).max((0, 1, 2)) * PENALTY / (qps.force_weight + PENALTY)
+    return Iterate(new, price, jnp.abs(free - new).max((0, 1, 2)), change)

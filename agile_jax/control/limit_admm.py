@@ -19,6 +19,7 @@ their multipliers stay below c the limits are hard, and where no force can keep 
 violates them least, instead of none. Its proximal operator only bounds the duals: |rho_s q| <= c.
 """
 
+from functools import partial, reduce
 from typing import NamedTuple
 
 import jax
@@ -26,7 +27,8 @@ import jax.numpy as jnp
 
 from agile_jax.control.force_admm import Iterate
 from agile_jax.control.leg_limits import inverse_3x3
-from agile_jax.control.scaled_qp import Projection, ScaledQp
+from agile_jax.control.mpc import MpcConstants
+from agile_jax.control.scaled_qp import Projection, ScaledQp, multiply_3x3, times
 
 # Penalties and over-relaxation, measured on problems with active torque and joint limits.
 PENALTY = 0.3  # rho
@@ -50,101 +52,120 @@ class State(NamedTuple):
     v: jax.Array  # (N, 4, 3)
     s: jax.Array  # (N, 12)
     q: jax.Array  # (N, 12)
-    primal: jax.Array  # ()
-    dual: jax.Array  # ()
-    done: jax.Array  # () int32, iterations
 
 
 class Factors(NamedTuple):
     """What all iterations share."""
 
-    foot: jax.Array  # (N, 4, 3, 3) D^-1
-    wrench_foot: jax.Array  # (N, 6, 12) B D^-1
-    P: jax.Array  # (6N, 6N)
+    P: jax.Array  # (batch, 6N, 6N)
+    foot: jax.Array  # (N, 4, 3, 3, batch) D^-1
 
 
-def factorise(qp: ScaledQp) -> Factors:
-    """The two factorisations."""
+def factorise(constants: MpcConstants, qp: ScaledQp) -> tuple[jax.Array, jax.Array]:
+    """`Factors` of one problem."""
     nodes = len(qp.linear)
     rows = qp.torque.map
     foot = inverse_3x3((qp.force_weight + PENALTY) * jnp.eye(3) + TORQUE_PENALTY * jnp.swapaxes(rows, -1, -2) @ rows)
-    wrench_foot = jnp.einsum("kalj,kljm->kalm", qp.force_map.reshape(nodes, 6, 4, 3), foot).reshape(nodes, 6, 12)
-    S = jnp.einsum("kai,kbi->kab", wrench_foot, qp.force_map)
+    wrench_foot = jnp.stack([multiply_3x3(foot, qp.force_map[:, axis]) for axis in range(6)], 1)  # B D^-1
+    S = jnp.einsum("kif,kjf->kij", wrench_foot.reshape(nodes, 6, 12), qp.force_map.reshape(nodes, 6, 12))
     weights = JOINT_PENALTY * jnp.einsum("kia,kib->kab", qp.joint.map, qp.joint.map)  # (N, 6, 6)
-    pairs = jnp.einsum("ki,kj->kij", qp.response, qp.response).reshape(nodes, nodes**2)  # constant
-    hessian = (pairs.T @ weights.reshape(nodes, 36)).reshape(nodes, nodes, 6, 6).transpose(0, 2, 1, 3)
-    axis = jnp.arange(6)
-    hessian = hessian.at[:, axis, :, axis].add(qp.hessian).reshape(6 * nodes, 6 * nodes)
-    L = jax.lax.linalg.cholesky(hessian, symmetrize_input=False)
+    pairs = jnp.einsum("ki,kj->kij", constants.response, constants.response).reshape(nodes, nodes**2)
+    joint = (pairs.T @ weights.reshape(nodes, 36)).reshape(nodes, nodes, 6, 6).transpose(0, 2, 1, 3)
+    L = jax.lax.linalg.cholesky(constants.hessian + joint.reshape(6 * nodes, 6 * nodes), symmetrize_input=False)
     SL = (S @ L.reshape(nodes, 6, 6 * nodes)).reshape(6 * nodes, 6 * nodes)
     R = jax.lax.linalg.cholesky(L.T @ SL + jnp.eye(6 * nodes), symmetrize_input=False)
     X = jax.lax.linalg.triangular_solve(R, L.T, left_side=True, lower=True)
-    return Factors(foot, wrench_foot, X.T @ X)
+    return X.T @ X, foot
+
+
+def begin(constants: MpcConstants, qp: ScaledQp, forces: jax.Array, price: jax.Array) -> State:
+    """A batch from forces and the price of their cones; the other prices begin at zero."""
+    wrench = qp.wrench(forces)
+    torques, joints = qp.torques(forces), qp.joints(constants, wrench)
+    t, s = jnp.clip(torques, qp.torque.lower, qp.torque.upper), jnp.clip(joints, qp.joint.lower, qp.joint.upper)
+    return State(forces, wrench, torques, joints, forces, price / PENALTY, t, 0 * t, s, 0 * s)
+
+
+def iterate(constants: MpcConstants, qp: ScaledQp, factors: Factors, shape: Projection, state: State) -> State:
+    """One iteration of a batch."""
+    joint_rest = JOINT_PENALTY * (state.joints - state.s + state.q)
+    multiplier = qp.gradient(constants, state.wrench) + qp.joints_transposed(constants, joint_rest)
+    torque_rest = TORQUE_PENALTY * (state.torques - state.t + state.v)
+    residual = qp.force_weight * state.g + qp.wrench_transposed(multiplier) + PENALTY * (state.g - state.z + state.u)
+    residual += qp.torques_transposed(torque_rest)
+    rise = times(factors.P, qp.wrench(multiply_3x3(factors.foot, residual)))
+    g = state.g + multiply_3x3(factors.foot, qp.wrench_transposed(rise) - residual)
+
+    wrench = qp.wrench(g)
+    torques, joints = qp.torques(g), qp.joints(constants, wrench)
+    z_relaxed = relax(g, state.z) + state.u
+    z = qp.project(shape, z_relaxed)
+    t_relaxed = relax(torques, state.t) + state.v
+    t = jnp.clip(t_relaxed, qp.torque.lower, qp.torque.upper)
+    s_relaxed = relax(joints, state.s) + state.q
+    outside = s_relaxed - jnp.clip(s_relaxed, qp.joint.lower, qp.joint.upper)
+    q = jnp.clip(outside, -JOINT_PRICE_MAX / JOINT_PENALTY, JOINT_PRICE_MAX / JOINT_PENALTY)
+    return State(g, wrench, torques, joints, z, z_relaxed - z, t, t_relaxed - t, s_relaxed - q, q)
+
+
+def residuals(old: State, new: State, joint_scale: float) -> tuple[jax.Array, jax.Array]:
+    """Primal and dual residuals of a batch, positions of joints times `joint_scale`."""
+    primal = largest(new.g - new.z, new.torques - new.t, (new.joints - new.s) * joint_scale)
+    return primal, largest(new.z - old.z, new.t - old.t, (new.s - old.s) * joint_scale)
 
 
 def solve_limits(
-    qp: ScaledQp, project: Projection, start: Iterate, iterations: int, tolerance: float, joint_tolerance: float
+    constants: MpcConstants,
+    qps: ScaledQp,
+    shape: Projection,
+    start: Iterate,
+    iterations: int,
+    tolerance: float,
+    joint_tolerance: float,
 ) -> tuple[Iterate, jax.Array]:
-    """Iterate until the residuals are below their tolerances.
+    """Iterate on a batch of problems, whose axis is the last one of every array, until all are solved.
+
+    A problem that is solved stays as it is while others go on.
 
     Args:
-        qp: the problem.
-        project: onto the cones.
+        constants: of the controller.
+        qps: the problems.
+        shape: projection onto cones.
         start: from the first pass.
         iterations: at most; looked at after every `CHUNK`.
         tolerance: of forces, and of torques in units of force.
         joint_tolerance: of positions [rad].
 
     Returns:
-        The last iterate, and the number of iterations (), int32.
+        The last iterates, and the numbers of iterations (batch,), int32.
     """
-    factors = factorise(qp)
+    factors = Factors(*jax.vmap(factorise, (None, -1), (0, -1))(constants, qps))
 
-    def step(state: State, _: None) -> tuple[State, None]:
-        joint_rest = JOINT_PENALTY * (state.joints - state.s + state.q)
-        multiplier = qp.gradient(state.wrench) + qp.joints_transposed(joint_rest)
-        torque_rest = TORQUE_PENALTY * (state.torques - state.t + state.v)
-        residual = (
-            qp.force_weight * state.g + qp.wrench_transposed(multiplier) + PENALTY * (state.g - state.z + state.u)
-        )
-        residual += jnp.einsum("klij,kli->klj", qp.torque.map, torque_rest)
-        b = jnp.einsum("kai,ki->ka", factors.wrench_foot, residual.reshape(-1, 12))
-        rise = (factors.P @ b.reshape(-1)).reshape(-1, 6)
-        change = jnp.einsum("klij,klj->kli", factors.foot, qp.wrench_transposed(rise) - residual)
+    class Loop(NamedTuple):
+        state: State
+        primal: jax.Array
+        dual: jax.Array
+        done: jax.Array
 
-        g = state.g + change
-        wrench = qp.wrench(g)
-        torques, joints = qp.torques(g), qp.joints(wrench)
-        z_relaxed = relax(g, state.z) + state.u
-        z = project(z_relaxed)
-        t_relaxed = relax(torques, state.t) + state.v
-        t = jnp.clip(t_relaxed, qp.torque.lower, qp.torque.upper)
-        s_relaxed = relax(joints, state.s) + state.q
-        outside = s_relaxed - jnp.clip(s_relaxed, qp.joint.lower, qp.joint.upper)
-        q = jnp.clip(outside, -JOINT_PRICE_MAX / JOINT_PENALTY, JOINT_PRICE_MAX / JOINT_PENALTY)
-        s = s_relaxed - q
-        to_force = tolerance / joint_tolerance
-        primal = largest(g - z, torques - t, (joints - s) * to_force)
-        dual = largest(z - state.z, t - state.t, (s - state.s) * to_force)
-        return State(
-            g, wrench, torques, joints, z, z_relaxed - z, t, t_relaxed - t, s, q, primal, dual, state.done + 1
-        ), None
+    def chunk(loop: Loop) -> Loop:
+        def step(state: State, _: None) -> tuple[State, None]:
+            return iterate(constants, qps, factors, shape, state), None
 
-    def chunk(state: State) -> State:
-        return jax.lax.scan(step, state, None, length=CHUNK)[0]
+        before, _ = jax.lax.scan(step, loop.state, None, length=CHUNK - 1)
+        state = iterate(constants, qps, factors, shape, before)
+        following = Loop(state, *residuals(before, state, tolerance / joint_tolerance), loop.done + CHUNK)
+        return jax.tree.map(partial(jnp.where, unfinished(loop)), following, loop)
 
-    def unfinished(state: State) -> jax.Array:
-        residual = jnp.maximum(state.primal, state.dual)
-        return (state.done < iterations) & ~(residual <= tolerance) & jnp.isfinite(residual)
+    def unfinished(loop: Loop) -> jax.Array:
+        residual = jnp.maximum(loop.primal, loop.dual)
+        return (loop.done < iterations) & (residual > tolerance)  # a residual that is not a number ends it
 
-    g = start.forces
-    wrench = qp.wrench(g)
-    torques, joints = qp.torques(g), qp.joints(wrench)
-    t, s = jnp.clip(torques, qp.torque.lower, qp.torque.upper), jnp.clip(joints, qp.joint.lower, qp.joint.upper)
-    zero = jnp.zeros((), g.dtype)
-    begin = State(g, wrench, torques, joints, g, start.price / PENALTY, t, 0 * t, s, 0 * s, zero, zero, jnp.int32(0))
-    end = jax.lax.while_loop(unfinished, chunk, chunk(begin))
-    return Iterate(end.z, PENALTY * end.u, end.primal, end.dual), end.done
+    state = begin(constants, qps, start.forces, start.price)
+    unknown = jnp.full(start.primal.shape, jnp.inf, start.primal.dtype)
+    end = jax.lax.while_loop(
+        lambda loop: unfinished(loop).any(), chunk, Loop(state, unknown, unknown, jnp.zeros(unknown.shape, jnp.int32))
+    )
+    return Iterate(end.state.z, PENALTY * end.state.u, end.primal, end.dual), end.done
 
 
 def relax(new: jax.Array, old: jax.Array) -> jax.Array:
@@ -153,5 +174,5 @@ def relax(new: jax.Array, old: jax.Array) -> jax.Array:
 
 
 def largest(*residuals: jax.Array) -> jax.Array:
-    """Largest absolute entry."""
-    return jnp.stack([jnp.abs(residual).max() for residual in residuals]).max()
+    """Largest absolute entry of each problem."""
+    return reduce(jnp.maximum, (jnp.abs(part).max(tuple(range(part.ndim - 1))) for part in residuals))

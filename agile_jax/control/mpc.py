@@ -26,11 +26,11 @@ from agile_jax.robot import RobotModel, RobotState
 
 
 class MpcConstants(NamedTuple):
-    """What depends on settings only. N nodes; axes roll, pitch, yaw, x, y, z."""
+    """What depends on settings only. N nodes; axes roll, pitch, yaw, x, y, z; wrenches ordered by node, then axis."""
 
-    hessian: jax.Array  # (6, N, N) of each axis
-    hessian_inverse: jax.Array  # (6N, 6N), ordered by node, then axis
-    response: jax.Array  # (N, N) accelerations of an axis to its positions [s^2]
+    hessian: jax.Array  # (6N, 6N) H
+    hessian_inverse: jax.Array  # (6N, 6N), inverted in float64
+    response: jax.Array  # (N, N) G_p: accelerations of an axis to its positions after each step [s^2]
     position_gain: jax.Array  # (6, N, N) G_p' Q
     velocity_gain: jax.Array  # (6, N, N) G_v' P
 
@@ -38,12 +38,9 @@ class MpcConstants(NamedTuple):
 class Qp(NamedTuple):
     """One problem. N nodes, 4 feet; forces in [N], accelerations in [m/s^2], [rad/s^2], positions in [m], [rad].
 
-    minimise    1/2 y' H y + h' y + w/2 |f|^2,    y_k = B_k f_k
+    minimise    1/2 y' H y + h' y + w/2 |f|^2,    y_k = B_k f_k,    with H of the `MpcConstants`
     """
 
-    hessian: jax.Array  # (6, N, N) H of each axis
-    hessian_inverse: jax.Array  # (6N, 6N), ordered by node, then axis
-    response: jax.Array  # (N, N) G_p: accelerations of an axis to its positions after each step [s^2]
     linear: jax.Array  # (N, 6) h
     force_map: jax.Array  # (N, 6, 12) B_k
     contact: jax.Array  # (N, 4) 1 where the foot stands, else 0
@@ -63,14 +60,15 @@ def mpc_constants(settings: MpcSettings) -> MpcConstants:
     position_gain = position_weight[:, None, None] * response.position.T
     velocity_gain = velocity_weight[:, None, None] * response.velocity.T
     hessian = position_gain @ response.position + velocity_gain @ response.velocity  # (6, N, N)
-    inverse = np.zeros((nodes, AXES, nodes, AXES))
+    whole, inverse = np.zeros((2, nodes, AXES, nodes, AXES))
     for axis in range(AXES):
+        whole[:, axis, :, axis] = hessian[axis]
         inverse[:, axis, :, axis] = np.linalg.inv(hessian[axis])
     return MpcConstants(
         *(
             jnp.asarray(array, jnp.float32)
             for array in (
-                hessian,
+                whole.reshape(AXES * nodes, AXES * nodes),
                 inverse.reshape(AXES * nodes, AXES * nodes),
                 response.position,
                 position_gain,
@@ -110,9 +108,6 @@ def build_qp(
     linear += jnp.einsum("akj,ja->ka", constants.velocity_gain, free.velocity - reference.velocity)
     falling = jnp.einsum("kij,kj->ki", joint.map, free.position)
     return Qp(
-        hessian=constants.hessian,
-        hessian_inverse=constants.hessian_inverse,
-        response=constants.response,
         linear=linear,
         force_map=force_map(mass, inertia, levers),
         contact=contact,

@@ -11,19 +11,19 @@ def project_cone(force: jax.Array, friction: jax.Array, force_max: jax.Array) ->
     f_max.
 
     Args:
-        force: shape (..., 3).
-        friction, force_max: scalars.
+        force: shape (N, 4, 3), or (N, 4, 3, batch).
+        friction, force_max: shape (), or (batch,).
     """
-    tangential, normal = force[..., :2], force[..., 2]
-    length = jnp.sqrt(jnp.sum(tangential**2, -1) + 1e-20)
+    x, y, normal = force[:, :, 0], force[:, :, 1], force[:, :, 2]
+    length = jnp.sqrt(x * x + y * y + 1e-20)
     on_cone = (normal + friction * length) / (1 + friction**2)
     inside = length <= friction * normal
     polar = friction * length <= -normal
     new_normal = jnp.where(inside, normal, jnp.where(polar, 0.0, on_cone))
     new_normal = jnp.clip(new_normal, 0.0, force_max)
     # Inside the cone the tangential part stays; otherwise it is cut to the cone's radius at the new height.
-    new_tangential = tangential * jnp.minimum(1.0, friction * new_normal / length)[..., None]
-    return jnp.concatenate([new_tangential, new_normal[..., None]], -1)
+    cut = jnp.minimum(1.0, friction * new_normal / length)
+    return jnp.stack([x * cut, y * cut, new_normal], 2)
 
 
 def project_pyramid(force: jax.Array, friction: jax.Array, force_max: jax.Array) -> jax.Array:
@@ -33,20 +33,19 @@ def project_pyramid(force: jax.Array, friction: jax.Array, force_max: jax.Array)
     n - f_z - mu sum_i max(|f_i| - mu n, 0) is piecewise linear with the breakpoints |f_i| / mu.
 
     Args:
-        force: shape (..., 3).
-        friction, force_max: scalars.
+        force: shape (N, 4, 3), or (N, 4, 3, batch).
+        friction, force_max: shape (), or (batch,).
     """
-    size = jnp.abs(force[..., :2])
-    small, large = size.min(-1), size.max(-1)
-    normal = force[..., 2]
+    x, y, normal = force[:, :, 0], force[:, :, 1], force[:, :, 2]
+    small, large = jnp.minimum(jnp.abs(x), jnp.abs(y)), jnp.maximum(jnp.abs(x), jnp.abs(y))
     both_cut = (normal + friction * (small + large)) / (1 + 2 * friction**2)
     one_cut = (normal + friction * large) / (1 + friction**2)
     new_normal = jnp.where(
         friction * both_cut <= small, both_cut, jnp.where(friction * one_cut <= large, one_cut, normal)
     )
     new_normal = jnp.clip(new_normal, 0.0, force_max)
-    bound = (friction * new_normal)[..., None]
-    return jnp.concatenate([jnp.clip(force[..., :2], -bound, bound), new_normal[..., None]], -1)
+    bound = friction * new_normal
+    return jnp.stack([jnp.clip(x, -bound, bound), jnp.clip(y, -bound, bound), new_normal], 2)
 
 
 PROJECTIONS = {"cone": project_cone, "pyramid": project_pyramid}
