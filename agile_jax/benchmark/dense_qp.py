@@ -23,6 +23,7 @@ class DenseQp(NamedTuple):
     friction: float
     force_max: float  # [N]
     columns: Array  # (12N,) bool: which of all forces' components are in x
+    qp: Any  # the same as a `control.mpc.Qp`
 
 
 class Violations(NamedTuple):
@@ -56,14 +57,25 @@ def dense_qp(constants: Any, qp: Any, index: int) -> DenseQp:
         friction=float(qp.friction[index]),
         force_max=float(qp.force_max[index]),
         columns=columns,
+        qp=jax_free(qp, index),
     )
 
 
+def jax_free(qp: Any, index: int) -> Any:
+    """Problem `index` of a batch, as NumPy arrays."""
+    if isinstance(qp, tuple):
+        return type(qp)(*(jax_free(part, index) for part in qp))
+    return np.asarray(qp[index])
+
+
+def pyramid_block(friction: float) -> Array:
+    """R of R f <= 0: the pyramid |f_x| <= mu f_z, |f_y| <= mu f_z of one foot. Shape (4, 3)."""
+    return np.array([[1, 0, -friction], [-1, 0, -friction], [0, 1, -friction], [0, -1, -friction]])
+
+
 def pyramid_rows(problem: DenseQp) -> Array:
-    """R of R x <= 0: the pyramid |f_x| <= mu f_z, |f_y| <= mu f_z for each foot. Shape (4F, n)."""
-    rows = np.array([[1, 0], [-1, 0], [0, 1], [0, -1]])
-    block = np.concatenate([rows, np.full((4, 1), -problem.friction)], 1)
-    return np.kron(np.eye(len(problem.q) // 3), block)
+    """The pyramids of all feet. Shape (4F, n)."""
+    return np.kron(np.eye(len(problem.q) // 3), pyramid_block(problem.friction))
 
 
 def force_bounds(problem: DenseQp) -> tuple[Array, Array]:

@@ -5,23 +5,16 @@ solution, from cold, as for a new state of the robot). One thread. QP solvers ta
 """
 
 from collections.abc import Callable
-from importlib import import_module
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from agile_jax.benchmark.dense_qp import DenseQp, force_bounds, pyramid_rows
+from agile_jax.benchmark.hpipm_peer import make_hpipm
+from agile_jax.benchmark.peer import Peer
+from agile_jax.control.settings import MpcSettings
 
 INFINITY = 1e20  # what CasADi's plugins and OSQP take for none
-
-
-class Peer(NamedTuple):
-    """A solver."""
-
-    about: str
-    pyramid: bool  # whether it solves the pyramid instead of the cone
-    prepare: Callable[[DenseQp], Any]
-    solve: Callable[[Any], np.ndarray | None]  # (n,), or None if it says that it failed
 
 
 class Rows(NamedTuple):
@@ -103,11 +96,11 @@ def make_osqp() -> Peer:
 
     def solve(data: tuple[Any, ...]) -> np.ndarray | None:
         solver = osqp.OSQP()
-        solver.setup(*data, verbose=False, eps_abs=1e-4, eps_rel=1e-4, max_iter=20_000, polishing=True)
+        solver.setup(*data, verbose=False, eps_abs=1e-4, eps_rel=1e-4, max_iter=20_000)
         result = solver.solve()
         return np.asarray(result.x) if result.info.status == "solved" else None
 
-    return Peer("OSQP, 1e-4, polished", True, prepare, solve)
+    return Peer("OSQP, 1e-4", True, prepare, solve)
 
 
 def make_piqp() -> Peer:
@@ -154,7 +147,7 @@ def make_qpoases() -> Peer:
         shape = len(r.q), len(r.A)
         if shape not in solvers:
             structure = {"h": ca.Sparsity.dense(shape[0], shape[0]), "a": ca.Sparsity.dense(shape[1], shape[0])}
-            options = {"printLevel": "none", "error_on_fail": False, "sparse": False, "nWSR": 2000}
+            options: Any = {"printLevel": "none", "error_on_fail": False, "sparse": False, "nWSR": 2000}
             solvers[shape] = ca.conic("qp", "qpoases", structure, options)
         data = {"h": r.P, "g": r.q, "a": r.A, "lba": r.lower, "uba": r.upper, "lbx": r.below, "ubx": r.above}
         return solvers[shape], {key: ca.DM(value) for key, value in data.items()}
@@ -202,33 +195,22 @@ def make_clarabel(tolerance: float = 1e-6, pyramid: bool = False) -> Peer:
     return Peer(f"Clarabel, second-order cone, {tolerance:g}", pyramid, prepare, solve)
 
 
-MAKERS: dict[str, Callable[[], Peer]] = {
-    "daqp": make_daqp,
-    "quadprog": make_quadprog,
-    "qpoases": make_qpoases,
-    "osqp": make_osqp,
-    "piqp": make_piqp,
-    "proxqp": make_proxqp,
-    "clarabel": make_clarabel,
-}
-
-
-def make_peers() -> tuple[dict[str, Peer], dict[str, str]]:
+def make_peers(settings: MpcSettings) -> tuple[dict[str, Peer], dict[str, str]]:
     """Those that can be loaded, and why the others cannot."""
+    makers: dict[str, Callable[[], Peer]] = {
+        "daqp": make_daqp,
+        "quadprog": make_quadprog,
+        "qpoases": make_qpoases,
+        "osqp": make_osqp,
+        "hpipm": lambda: make_hpipm(settings),
+        "piqp": make_piqp,
+        "proxqp": make_proxqp,
+        "clarabel": make_clarabel,
+    }
     peers, missing = {}, {}
-    for name, make in MAKERS.items():
+    for name, make in makers.items():
         try:
             peers[name] = make()
         except ImportError as error:
             missing[name] = str(error)
     return peers, missing
-
-
-def installed(*modules: str) -> bool:
-    """Whether all of the modules can be imported."""
-    try:
-        for module in modules:
-            import_module(module)
-    except ImportError:
-        return False
-    return True

@@ -23,7 +23,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run"),
-    "benchmark": ("expert [EXPERIMENT.toml]", "speed and quality against the peers"),
+    "benchmark": ("expert|mpc [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout")  # these import mujoco

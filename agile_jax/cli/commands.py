@@ -6,6 +6,7 @@ import pathlib
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
 import tyro
 
@@ -72,6 +73,16 @@ class BenchmarkOptions:
     """Starts of the experiment's distribution."""
     output: pathlib.Path | None = None
     """Write all numbers there, for example benchmark.json."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MpcBenchmarkOptions:
+    """A benchmark of the MPC's solver."""
+
+    problems: int = 1000
+    """Problems of each kind, calm and hard."""
+    output: pathlib.Path | None = None
+    """Write all numbers there, for example mpc.json."""
 
 
 def run(argv: list[str]) -> int:
@@ -148,26 +159,47 @@ def rollout(argv: list[str]) -> int:
 
 
 def benchmark(argv: list[str]) -> int:
-    """`agile benchmark expert`: the expert against the peers."""
+    """`agile benchmark expert` and `agile benchmark mpc`: ours against the peers."""
     subject, *rest = argv or [""]
     if subject in ("-h", "--help"):
-        print("usage: agile benchmark expert [EXPERIMENT.toml] [--starts N] [--output FILE.json]\n")
-        print("Solve the same starts with the expert and with its peers, in one thread, and print the ratios.")
+        print("usage: agile benchmark expert [EXPERIMENT.toml] [--starts N] [--output FILE.json]")
+        print("       agile benchmark mpc [EXPERIMENT.toml] [--problems N] [--output FILE.json]\n")
+        print("Solve the same problems with ours and with its peers, in one thread, and print the ratios.")
         return DONE
-    if subject != "expert":
-        raise BadInput(f"which benchmark? There is: expert{f', not {subject}' if subject else ''}")
-    from agile_jax.benchmark import TABLE, benchmark_expert, report
-    from agile_jax.files import write_json
+    if subject not in ("expert", "mpc"):
+        raise BadInput(f"which benchmark? There is: expert, mpc{f', not {subject}' if subject else ''}")
+    return _benchmark_expert(rest) if subject == "expert" else _benchmark_mpc(rest)
 
-    experiment, options = parse_experiment("benchmark expert", BenchmarkOptions(), rest, TABLE)
+
+def _benchmark_expert(argv: list[str]) -> int:
+    from agile_jax.benchmark import TABLE, benchmark_expert, report
+
+    experiment, options = parse_experiment("benchmark expert", BenchmarkOptions(), argv, TABLE)
     if options.starts < 1:
         raise BadInput(f"starts = {options.starts} must be at least 1")
     with _progress() as progress:
         result = benchmark_expert(experiment, options.starts, progress)
-    print(report(result))
-    if options.output is not None:
-        options.output.parent.mkdir(parents=True, exist_ok=True)
-        write_json(options.output, result)
+    return _show_benchmark(report(result), result, options.output)
+
+
+def _benchmark_mpc(argv: list[str]) -> int:
+    from agile_jax.benchmark import TABLE, benchmark_mpc, report_mpc
+
+    experiment, options = parse_experiment("benchmark mpc", MpcBenchmarkOptions(), argv, TABLE)
+    if options.problems < 1:
+        raise BadInput(f"problems = {options.problems} must be at least 1")
+    with _progress() as progress:
+        result = benchmark_mpc(experiment.control, options.problems, progress)
+    return _show_benchmark(report_mpc(result), result, options.output)
+
+
+def _show_benchmark(text: str, result: dict[str, Any], output: pathlib.Path | None) -> int:
+    from agile_jax.files import write_json
+
+    print(text)
+    if output is not None:
+        output.parent.mkdir(parents=True, exist_ok=True)
+        write_json(output, result)
     return DONE
 
 

@@ -52,3 +52,5 @@ def use_one_thread() -> None:
     from agile_jax.engine import THREADS
 
     os.environ.update(THREADS)
+    flags = os.environ.get("XLA_FLAGS", "")
+    os.environ["XLA_FLAGS"] = f"{flags} --xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1".strip()

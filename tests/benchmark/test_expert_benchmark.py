@@ -158,8 +158,8 @@ def test_the_command_writes_its_file_in_one_thread(tmp_path: pathlib.Path) -> No
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        ([], "which benchmark? There is: expert"),
-        (["experts"], "There is: expert, not experts"),
+        ([], "which benchmark? There is: expert, mpc"),
+        (["experts"], "There is: expert, mpc, not experts"),
         (["expert", "nowhere.toml"], "nowhere.toml: no such file"),
         (["expert", "--starts", "0"], "starts = 0 must be at least 1"),
         (["expert", "--expert.nodes", "1"], "expert.nodes = 1"),
