@@ -35,7 +35,7 @@ PENALTY = 0.3  # rho
 TORQUE_PENALTY = 0.1  # rho_t
 JOINT_PENALTY = 10.0  # rho_s [1/rad^2]
 OVER_RELAXATION = 1.8
-JOINT_PRICE_MAX = 100.0  # c [1/rad]
+JOINT_PRICE_MAX = 1000.0  # c [1/rad]
 CHUNK = 10  # iterations between two looks at the residuals
 
 
