@@ -194,7 +194,8 @@ def test_rollout_replays_what_an_unstable_episode_left(folder: pathlib.Path, cal
     qpos[:, 2], qpos[:, 3] = [0.3, 0.31, 0.4, 0.9, np.nan], 1.0
     qvel = np.zeros((5, 18))
     qvel[3, 2] = 25.0
-    trace = Trace(np.arange(1, 6) / 50, qpos, qvel, np.full((5, 12), 3.0), np.zeros((5, 8)), np.ones(5))
+    solver = np.zeros(5, np.int32), np.zeros(5), np.zeros((5, 12), bool)
+    trace = Trace(np.arange(1, 6) / 50, qpos, qvel, np.full((5, 12), 3.0), np.zeros((5, 8)), *solver, np.ones(5))
     (folder / "done").mkdir()
     (folder / "done" / "experiment.toml").write_text((folder / "good.toml").read_text())
     save_traces(folder / "episode.npz", [trace])

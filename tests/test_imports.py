@@ -15,8 +15,10 @@ STAGES = ["scene", "expert", "dataset", "policy", "robot", "control", "simulatio
 
 HOMES = {  # where a heavy library may be imported; folders and files of the package
     "casadi": {"expert", "benchmark"},
-    "rockit": {"benchmark"},
-    "torch": {"benchmark"},
+    **{
+        peer: {"benchmark"}
+        for peer in ("rockit", "clarabel", "daqp", "osqp", "piqp", "proxsuite", "quadprog", "scipy", "torch")
+    },
     "orbax": {"policy/checkpoint.py"},
     "flax": {"policy"},
     "optax": {"policy"},
@@ -107,7 +109,8 @@ def loaded(statement: str) -> set[str]:
 
 
 def test_the_light_packages_load_no_jax() -> None:
-    packages = "agile_jax, agile_jax.expert, agile_jax.dataset, agile_jax.engine, agile_jax.experiment, agile_jax.sweep"
+    parts = ["benchmark", "expert", "dataset", "engine", "experiment", "sweep"]
+    packages = ", ".join(["agile_jax", *(f"agile_jax.{part}" for part in parts)])
     assert not loaded(f"import {packages}") & {"jax", "mujoco", "matplotlib", "optax", "orbax"}
 
 

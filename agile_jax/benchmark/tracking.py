@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.benchmark.metrics import table
+from agile_jax.control import Counts
 from agile_jax.evaluation.statistics import wilson_interval
 from agile_jax.evaluation.tracking import UNDISTURBED, random_commands, track_commands, tracking_loop
 from agile_jax.experiment import Experiment
@@ -120,7 +121,7 @@ def summary(columns: dict[str, np.ndarray]) -> dict[str, Any]:
         "cone_violation_max_n": float(columns["cone_violation"].max()),
         "torque_share_max": float(columns["torque_share"].max()),
         "joint_violation_max_rad": float(columns["joint_violation"].max()),
-        "mpc_failures": int(columns["mpc_failures"].sum()),
+        **{name: int(columns[name].sum()) for name in Counts._fields},
     }
 
 

@@ -91,8 +91,8 @@ def _dispatch(name: str, argv: list[str]) -> int:
         hint = f"did you mean `agile {near[0]}`? " if near else ""
         raise BadInput(f"{name}: unknown command; {hint}Commands: {', '.join(COMMANDS)}")
     if name == "benchmark":
-        if argv[:1] in (["expert"], ["policy"]):
-            use_one_thread("policy" in argv[:1])
+        if argv[:1] in (["expert"], ["mpc"], ["policy"]):
+            use_one_thread(argv[:1] != ["expert"])
     elif name != "schema":
         prepare_libraries()
     if name in SIMULATING:

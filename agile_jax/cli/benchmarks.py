@@ -11,6 +11,7 @@ from agile_jax.settings import BadInput
 SUBJECTS = {
     "expert": "solve the same starts with the expert and with its peers, in one thread, and print the ratios",
     "training": "the rate of the training's steps, of their matrix products, and of PyTorch, on all cores",
+    "mpc": "solve the MPC's problems of walking robots with ours and with general solvers, on one core",
     "policy": "ask the policy and the expert about the same starts, on one core, and print the ratio",
     "tracking": "random commands on flat ground, disturbed and not: velocity and height errors, falls",
     "evaluation": "simulated seconds per second of the closed loop, by backend and batch, and where the time goes",
@@ -26,6 +27,16 @@ class StartsOptions:
     """Starts of the experiment's distribution."""
     output: pathlib.Path | None = None
     """Write all numbers there, for example benchmark.json."""
+
+
+@dataclasses.dataclass(frozen=True)
+class MpcOptions:
+    """A benchmark of the MPC's solver."""
+
+    problems: int = 1000
+    """Problems of each kind, calm and hard."""
+    output: pathlib.Path | None = None
+    """Write all numbers there, for example mpc.json."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -100,6 +111,15 @@ def _expert(argv: list[str], progress: Progress) -> Measured:
     experiment, options = parse_experiment("benchmark expert", StartsOptions(), argv, TABLE)
     result = benchmark_expert(experiment, _positive("starts", options.starts), progress)
     return options.output, result, report(result)
+
+
+def _mpc(argv: list[str], progress: Progress) -> Measured:
+    from agile_jax.benchmark.expert import TABLE
+    from agile_jax.benchmark.mpc import benchmark_mpc, report_mpc
+
+    experiment, options = parse_experiment("benchmark mpc", MpcOptions(), argv, TABLE)
+    result = benchmark_mpc(experiment.control, _positive("problems", options.problems), progress)
+    return options.output, result, report_mpc(result)
 
 
 def _policy(argv: list[str], progress: Progress) -> Measured:

@@ -6,16 +6,28 @@ from agile_jax.control.settings import ControlSettings, GaitSettings, MpcSetting
 from agile_jax.lazy import lazy_names
 
 if TYPE_CHECKING:
-    from agile_jax.control.controller import Controller, ControllerState, Reference, make_controller
+    from agile_jax.control.body import Reference
+    from agile_jax.control.controller import Controller, ControllerState, make_controller
+    from agile_jax.control.diagnostics import Counts, Diagnostics, keep_counts
 
 __all__ = [
     "ControlSettings",
     "Controller",
     "ControllerState",
+    "Counts",
+    "Diagnostics",
     "GaitSettings",
     "MpcSettings",
     "Reference",
+    "keep_counts",
     "make_controller",
 ]
 
-__getattr__ = lazy_names(__name__, {"controller": "Controller ControllerState Reference make_controller"})
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "body": "Reference",
+        "controller": "Controller ControllerState make_controller",
+        "diagnostics": "Counts Diagnostics keep_counts",
+    },
+)

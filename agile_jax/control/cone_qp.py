@@ -1,119 +1,175 @@
-"""The quadratic program of convex MPC over friction cones, solved by ADMM in wrench space.
+"""The MPC's quadratic program solved in two passes: friction cones first, the joints' limits where they matter.
 
-    minimise    1/2 y' H y + h' y + w/2 |f|^2        y_k = B_k f_k,  k = 0..N-1
-    subject to  |f_xy| <= mu f_z,  0 <= f_z <= f_max   for each standing foot,   f = 0 for each swinging foot
+Most problems of a walk touch no limit of a joint, and 30 cheap iterations solve them (`force_admm`). Whatever then is
+not converged, or breaks a limit, goes on in the general method (`limit_admm`) until it is. A problem that keeps limits
+it was not told of is solved, since it is the best of a larger set; so both passes answer the same question.
 
-y_k (6,) is the acceleration that the forces f_k (12,) of node k give to the body. Its dynamics are six identical
-double integrators, so H depends on weights and time step only and is inverted once, in float64. With the splitting f
-= z, z in the cones (Boyd et al. 2011, section 3; over-relaxation section 3.4.3), an iteration solves (w + rho) f +
-B'(H B f + h) = rho (z - u). By the matrix inversion lemma that is a system of 6N equations, the same in every
-iteration:
-
-    (H^-1 + blkdiag(B_k B_k') / (w + rho)) v = H^-1 h + B rhs / (w + rho),   rhs = rho (z - u)
-    f = (rhs - B' v) / (w + rho)
-
-The projection onto the cone is exact. Forces are scaled by `FORCE_UNIT` so that float32 suffices.
+A batch runs its first pass together. The rest is gathered into groups of fixed size, one after the other, so that a
+hard problem waits for few others, and an easy one for none. What a problem does in its group does not depend on who
+else is there.
 """
 
-from typing import NamedTuple
+from collections.abc import Callable
+from functools import partial
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 
-FORCE_UNIT = 30.0  # [N], about a quarter of the robot's weight
-PENALTY = 0.2  # rho in scaled units; decides the speed of convergence, measured on problems of a walk
-OVER_RELAXATION = 1.6
+from agile_jax.control.force_admm import Iterate, solve_cones
+from agile_jax.control.limit_admm import solve_limits
+from agile_jax.control.mpc import MpcConstants, Qp
+from agile_jax.control.projection import PROJECTIONS, shrink_into
+from agile_jax.control.scaled_qp import FORCE_UNIT, ScaledQp, scale
+from agile_jax.control.settings import MpcSettings
 
-
-class Qp(NamedTuple):
-    """One problem. N nodes, 4 feet; forces in [N], accelerations in [m/s^2], [rad/s^2]."""
-
-    hessian_inverse: jax.Array  # (6N, 6N), ordered by node, then axis
-    linear: jax.Array  # (N, 6) h
-    force_map: jax.Array  # (N, 6, 12) B_k
-    contact: jax.Array  # (N, 4) 1 where the foot stands, else 0
-    friction: jax.Array  # () mu
-    force_max: jax.Array  # () [N]
-    force_weight: jax.Array  # () w
+SOLVED, INFEASIBLE, UNCONVERGED, NOT_FINITE = 0, 1, 2, 3
+STATUS_NAMES = ("solved", "infeasible", "unconverged", "not finite")
+JOINT_TOLERANCE = 1e-3  # by which a solved problem may break a row of joint positions [rad]
+JOINT_RESIDUAL = 1e-4  # at which these rows count as converged [rad]; with 1e-3 a force is up to 0.15 N off
+BLOCK = 64  # problems that a CPU solves at once
+GROUPS = 4  # a group of the second pass holds this part of a batch
+SMALLEST_GROUP = 16
 
 
 class WarmStart(NamedTuple):
     """Iterates of the solver, scaled."""
 
-    projected: jax.Array  # (N, 12) z
-    dual: jax.Array  # (N, 12) u
+    forces: jax.Array  # (N, 4, 3)
+    price: jax.Array  # (N, 4, 3) of the cones
 
 
 class QpSolution(NamedTuple):
-    """Forces inside their cones, and how far from optimal they are."""
+    """Forces that every foot can have, how far from optimal they are, and what to say about them.
 
-    forces: jax.Array  # (N, 12) [N], feasible to the last bit: they are the projected iterate
-    primal_residual: jax.Array  # () largest |f - z| [N]
-    dual_residual: jax.Array  # () largest rho |z - z_before| / (w + rho) [N]
+    The forces are inside their cones and their joints' torque limits whatever the status, except NOT_FINITE, which
+    has zeros. INFEASIBLE: no forces keep the joints' positions; these break them least. UNCONVERGED: not yet optimal.
+    """
+
+    forces: jax.Array  # (N, 12) [N]
+    status: jax.Array  # () int32, SOLVED, INFEASIBLE, UNCONVERGED or NOT_FINITE
+    primal_residual: jax.Array  # () largest violation of a splitting [N]
+    dual_residual: jax.Array  # () largest change in an iteration [N]
+    joint_violation: jax.Array  # () largest of the rows of joint positions [rad]
+    iterations: jax.Array  # () int32, of the second pass
     warm_start: WarmStart
+
+
+Solver = Callable[[Qp, WarmStart], QpSolution]
 
 
 def cold_start(nodes: int) -> WarmStart:
     """Zero iterates."""
-    return WarmStart(jnp.zeros((nodes, 12)), jnp.zeros((nodes, 12)))
+    return WarmStart(jnp.zeros((nodes, 4, 3)), jnp.zeros((nodes, 4, 3)))
 
 
-def project(force: jax.Array, contact: jax.Array, friction: jax.Array, force_max: jax.Array) -> jax.Array:
-    """Exact Euclidean projection onto {|f_xy| <= mu f_z, 0 <= f_z <= f_max}, or onto zero for a swinging foot.
+def shift(start: WarmStart, nodes: float) -> WarmStart:
+    """Iterates of a horizon that begins later by a part of a node or by more; the last node is kept."""
+    count = len(start.forces)
+    where = jnp.minimum(jnp.arange(count) + nodes, count - 1)
+    before = jnp.floor(where).astype(int)
+    weight = (where - before)[:, None, None]
 
-    Where the projection onto the cone is above f_max, the nearest point of the truncated cone lies on its disc at
-    f_max.
+    def move(values: jax.Array) -> jax.Array:
+        return (1 - weight) * values[before] + weight * values[jnp.minimum(before + 1, count - 1)]
 
-    Args:
-        force: shape (..., 3).
-        contact: shape (...), 1 or 0.
-        friction, force_max: scalars.
-    """
-    tangential, normal = force[..., :2], force[..., 2]
-    length = jnp.sqrt(jnp.sum(tangential**2, -1) + 1e-20)
-    on_cone = (normal + friction * length) / (1 + friction**2)
-    inside = length <= friction * normal
-    polar = friction * length <= -normal
-    new_normal = jnp.where(inside, normal, jnp.where(polar, 0.0, on_cone))
-    new_normal = jnp.clip(new_normal, 0.0, force_max)
-    # Inside the cone the tangential part stays; otherwise it is cut to the cone's radius at the new height.
-    new_tangential = tangential * jnp.minimum(1.0, friction * new_normal / length)[..., None]
-    return jnp.concatenate([new_tangential, new_normal[..., None]], -1) * contact[..., None]
+    return WarmStart(move(start.forces), move(start.price))
 
 
-def solve(qp: Qp, start: WarmStart, iterations: int) -> QpSolution:
-    """Run a fixed number of ADMM iterations (static shapes, so that problems can be vmapped).
+def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
+    """The solver of one problem; vmap it."""
+    tolerance = settings.tolerance / FORCE_UNIT
+    shape = PROJECTIONS[settings.friction_cone]
 
-    Args:
-        qp: the problem.
-        start: iterates to begin from, `cold_start` or those of the previous solution.
-        iterations: fixed count.
-    """
-    nodes = qp.linear.shape[0]
-    # Scale: f = FORCE_UNIT * g. The cost in g has B * FORCE_UNIT and w * FORCE_UNIT^2.
-    force_map = qp.force_map * FORCE_UNIT * jnp.repeat(qp.contact, 3, -1)[:, None, :]
-    weight = qp.force_weight * FORCE_UNIT**2
-    diagonal = weight + PENALTY
-    force_max = qp.force_max / FORCE_UNIT
+    def left_to_do(qp: ScaledQp, found: Iterate) -> tuple[jax.Array, jax.Array]:
+        """Whether a problem needs the second pass, and a number that grows with how long it will take."""
+        over = violation(qp.torques(found.forces), qp.torque.lower, qp.torque.upper)
+        residual = jnp.maximum(jnp.maximum(found.primal, found.dual), over)
+        broken = joint_violation(constants, qp, found.forces)
+        difficulty = jnp.maximum(residual, broken)
+        solved = (residual <= tolerance) & (broken <= JOINT_RESIDUAL)
+        return ~solved & jnp.isfinite(difficulty), difficulty
 
-    blocks = jnp.einsum("kif,kjf->kij", force_map, force_map) / diagonal  # (N, 6, 6)
-    node = jnp.arange(nodes)
-    system = qp.hessian_inverse.reshape(nodes, 6, nodes, 6).at[node, :, node, :].add(blocks).reshape(6 * nodes, -1)
-    factor = jax.scipy.linalg.cho_factor(system, lower=True)
-    inverse = jax.scipy.linalg.cho_solve(factor, jnp.eye(6 * nodes, dtype=system.dtype))
-    offset = qp.hessian_inverse @ qp.linear.reshape(-1)
+    def solve_batch(qps: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
+        """Both passes; the batch is the last axis. The iterates, and the iterations of the second pass."""
+        found = solve_cones(constants, qps, shape, *start, settings.iterations)
+        pending, difficulty = jax.vmap(left_to_do, -1)(qps, found)
+        size = len(pending)
+        group = min(size, max(SMALLEST_GROUP, size // GROUPS))
 
-    def step(carry: WarmStart, _: None) -> tuple[WarmStart, tuple[jax.Array, jax.Array]]:
-        projected, dual = carry
-        rhs = PENALTY * (projected - dual)
-        wrench = jnp.einsum("kif,kf->ki", force_map, rhs).reshape(-1) / diagonal
-        multiplier = (inverse @ (offset + wrench)).reshape(nodes, 6)
-        force = (rhs - jnp.einsum("kif,ki->kf", force_map, multiplier)) / diagonal
-        relaxed = OVER_RELAXATION * force + (1 - OVER_RELAXATION) * projected
-        candidate = (relaxed + dual).reshape(nodes, 4, 3)
-        new = project(candidate, qp.contact, qp.friction, force_max).reshape(nodes, 12)
-        residuals = (jnp.abs(force - new).max(), jnp.abs(new - projected).max() * PENALTY / diagonal)
-        return WarmStart(new, dual + relaxed - new), residuals
+        def one_group(
+            carry: tuple[tuple[Iterate, jax.Array], jax.Array],
+        ) -> tuple[tuple[Iterate, jax.Array], jax.Array]:
+            (found, done), pending = carry
+            # Alike problems together: each waits for the slowest. Solved ones that fill a group stay as they are.
+            index = jnp.argsort(jnp.where(pending, -difficulty, jnp.inf))[:group]
+            members, begun = jax.tree.map(lambda values: values[..., index], (qps, found))
+            new = solve_limits(constants, members, shape, begun, settings.iterations_max, tolerance, JOINT_RESIDUAL)
 
-    end, (primal, dual) = jax.lax.scan(step, start, None, length=iterations)
-    return QpSolution(end.projected * FORCE_UNIT, primal[-1] * FORCE_UNIT, dual[-1] * FORCE_UNIT, end)
+            def put(values: jax.Array, new: jax.Array) -> jax.Array:
+                return values.at[..., index].set(jnp.where(pending[index], new, values[..., index]))
+
+            return jax.tree.map(put, (found, done), new), pending.at[index].set(False)
+
+        begun = (found, jnp.zeros(size, jnp.int32)), pending
+        return jax.lax.while_loop(lambda carry: carry[1].any(), one_group, begun)[0]
+
+    @jax.custom_batching.custom_vmap
+    def solve_one(qp: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
+        batch = jax.tree.map(lambda values: values[..., None], (qp, start))
+        return jax.tree.map(lambda values: values[..., 0], solve_batch(*batch))
+
+    @solve_one.def_vmap
+    def solve_many(size: int, batched: Any, qps: ScaledQp, start: WarmStart) -> tuple[tuple[Iterate, jax.Array], Any]:
+        def last(values: jax.Array, has_batch: bool) -> jax.Array:
+            if has_batch:
+                return jnp.moveaxis(values, 0, -1)
+            return jnp.broadcast_to(values[..., None], (*values.shape, size))
+
+        batch = jax.tree.map(last, (qps, start), tuple(batched))
+        end = jax.lax.platform_dependent(*batch, cpu=partial(in_blocks, solve_batch), default=solve_batch)
+        return jax.tree.map(lambda values: jnp.moveaxis(values, -1, 0), end), jax.tree.map(lambda _: True, end)
+
+    def solve(qp: Qp, start: WarmStart) -> QpSolution:
+        scaled = scale(qp)
+        found, iterations = solve_one(scaled, start)
+        finite = jnp.isfinite(found.forces).all() & jnp.isfinite(found.price).all()
+        forces = shrink_into(found.forces, scaled.torques(found.forces), scaled.torque.lower, scaled.torque.upper)
+        broken = joint_violation(constants, scaled, forces)
+        converged = jnp.maximum(found.primal, found.dual) <= tolerance
+        status = jnp.where(converged, jnp.where(broken <= JOINT_TOLERANCE, SOLVED, INFEASIBLE), UNCONVERGED)
+        return QpSolution(
+            jnp.where(finite, forces, 0.0).reshape(-1, 12) * FORCE_UNIT,
+            jnp.where(finite, status, NOT_FINITE).astype(jnp.int32),
+            found.primal * FORCE_UNIT,
+            found.dual * FORCE_UNIT,
+            broken,
+            iterations,
+            WarmStart(jnp.where(finite, found.forces, 0.0), jnp.where(finite, found.price, 0.0)),
+        )
+
+    return solve
+
+
+def in_blocks(solve: Callable[..., Any], *batch: Any) -> Any:
+    """Solve `BLOCK` problems after another, which stay in the cache of a core; a larger batch waits for memory."""
+    size = jax.tree.leaves(batch)[0].shape[-1]
+    whole = size - size % BLOCK
+    parts = [solve(*jax.tree.map(lambda values: values[..., whole:], batch))] if whole < size else []
+    if whole:
+        blocks = jax.tree.map(
+            lambda values: jnp.moveaxis(values[..., :whole].reshape(*values.shape[:-1], -1, BLOCK), -2, 0), batch
+        )
+        ends = jax.lax.map(lambda block: solve(*block), blocks)
+        parts.insert(0, jax.tree.map(lambda end: jnp.moveaxis(end, 0, -2).reshape(*end.shape[1:-1], whole), ends))
+    return jax.tree.map(lambda *ends: jnp.concatenate(ends, -1), *parts)
+
+
+def violation(values: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Array:
+    """By how much the worst of the values is out of its bounds, or 0."""
+    return jnp.maximum(jnp.maximum(lower - values, values - upper).max(), 0.0)
+
+
+def joint_violation(constants: MpcConstants, qp: ScaledQp, forces: jax.Array) -> jax.Array:
+    """Of the rows of joint positions [rad]."""
+    return violation(qp.joints(constants, qp.wrench(forces)), qp.joint.lower, qp.joint.upper)

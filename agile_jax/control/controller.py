@@ -12,12 +12,13 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.control import cone_qp, gait, torques
-from agile_jax.control.centroidal import BodyState
-from agile_jax.control.mpc import MpcConstants, build_qp, mpc_constants
+from agile_jax.control.body import Body, Reference, measure
+from agile_jax.control.diagnostics import Diagnostics, after_act, after_plan, no_diagnostics
+from agile_jax.control.mpc import Qp, mpc_constants, robot_qp
 from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import feed_forward_share, folded_leg, foothold, forward_reach
-from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
+from agile_jax.geometry import quaternion_to_matrix, rotation_2d, wrap_angle
 from agile_jax.robot import RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 
 SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
@@ -26,15 +27,6 @@ REACH_DEPTH = 0.05  # below the floor's height, at most [m]
 # The robot stands where its reference hardly moves and its own motion is below these; once it stands, twice as much.
 REST_SPEED, REST_YAW_RATE = 0.15, 0.1  # of the body [m/s], of the reference [rad/s]
 REST_DISTANCE, REST_YAW = 0.03, 0.05  # between body and reference [m], [rad]
-
-
-class Reference(NamedTuple):
-    """What the trunk should do. Poses are [x, y, z, yaw] in the world [m, rad]; N nodes of the MPC."""
-
-    pose: jax.Array  # (4,) now
-    velocity: jax.Array  # (4,) now [m/s, rad/s]
-    poses: jax.Array  # (N, 4) at the ends of the MPC's steps
-    velocities: jax.Array  # (N, 4)
 
 
 class ControllerState(NamedTuple):
@@ -47,55 +39,33 @@ class ControllerState(NamedTuple):
     forces_world: jax.Array  # (4, 3) planned forces of the ground on the feet [N]
     integral: jax.Array  # (3,) correction of height [m], roll, pitch [rad]
     warm_start: cone_qp.WarmStart
-    residual: jax.Array  # () of the last MPC solution [N]
-    mpc_failures: jax.Array  # () int32, solutions whose residual exceeded the tolerance
+    diagnostics: Diagnostics
+
+
+class Plan(NamedTuple):
+    """What `plan` prepares for the solver."""
+
+    qp: Qp
+    body: Body
+    gait: gait.Gait
+    footholds_world: jax.Array  # (4, 3) [m]
+    integral: jax.Array  # (3,)
 
 
 class Controller(NamedTuple):
-    """A controller as three pure functions of one robot."""
+    """A controller as pure functions of one robot."""
 
     init: Callable[[RobotState], ControllerState]
+    problem: Callable[[ControllerState, RobotState, Reference], Qp]  # what `plan` solves
     plan: Callable[[ControllerState, RobotState, Reference], ControllerState]
     act: Callable[[ControllerState, RobotState], tuple[ControllerState, jax.Array]]
-
-
-class Body(NamedTuple):
-    """The measured state, as the planner sees it."""
-
-    R_world_base: jax.Array  # (3, 3)
-    rpy: jax.Array  # (3,) [rad]
-    com_world: jax.Array  # (3,) [m]
-    com_velocity_world: jax.Array  # (3,) [m/s]
-    mass: jax.Array  # () [kg]
-    inertia_base: jax.Array  # (3, 3) about the centre of mass [kg m^2]
-    com_base: jax.Array  # (3,) [m]
-
-
-def measure(robot: RobotModel, state: RobotState) -> Body:
-    """Composite mass properties at the current posture, and the motion of the centre of mass."""
-    R_world_base = quaternion_to_matrix(state.base_quat, jnp)
-
-    def center(joint_pos: jax.Array) -> jax.Array:
-        return composite_inertia(robot, joint_pos)[1]
-
-    mass, com_base, inertia = composite_inertia(robot, state.joint_pos)
-    _, com_rate = jax.jvp(center, (state.joint_pos,), (state.joint_vel,))
-    velocity = state.base_lin_vel_world + R_world_base @ (jnp.cross(state.base_ang_vel_base, com_base) + com_rate)
-    return Body(
-        R_world_base,
-        quaternion_to_rpy(state.base_quat, jnp),
-        state.base_pos + R_world_base @ com_base,
-        velocity,
-        mass,
-        inertia,
-        com_base,
-    )
 
 
 def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     """Compose gait, MPC, footholds and torques for a robot."""
     settings = scaled_to(robot, settings)
     constants = mpc_constants(settings.mpc)
+    solve = cone_qp.make_solver(constants, settings.mpc)
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
     inertia = torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32))
@@ -114,14 +84,14 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             forces_world=jnp.zeros((4, 3)).at[:, 2].set(weight / 4),
             integral=jnp.zeros(3),
             warm_start=cone_qp.cold_start(settings.mpc.horizon),
-            residual=jnp.float32(0.0),
-            mpc_failures=jnp.int32(0),
+            diagnostics=no_diagnostics(),
         )
 
-    def plan(state: ControllerState, robot_state: RobotState, reference: Reference) -> ControllerState:
+    def problem(state: ControllerState, robot_state: RobotState, reference: Reference) -> Qp:
+        return prepare(state, robot_state, reference).qp
+
+    def prepare(state: ControllerState, robot_state: RobotState, reference: Reference) -> Plan:
         body = measure(robot, robot_state)
-        yaw = body.rpy[2]
-        R_yaw = rotation_2d(yaw, jnp)
         feet_world = robot_state.base_pos + leg_forward_kinematics(robot, robot_state.joint_pos) @ body.R_world_base.T
 
         speed = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1)).max()
@@ -134,30 +104,18 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         integral = state.integral + jnp.array(settings.integral_gain) * error * settings.plan_dt
         integral = jnp.clip(integral, -limit, limit)
 
-        nodes = settings.mpc.horizon
-        elapsed = settings.plan_dt / 2 + settings.mpc.mpc_dt * jnp.arange(nodes)
+        elapsed = settings.plan_dt / 2 + settings.mpc.mpc_dt * jnp.arange(settings.mpc.horizon)
         contact = gait.contacts_ahead(gait_settings, clock, elapsed).astype(jnp.float32)
-        # Feet that stand now keep their place; feet that land within the horizon stand on their foothold.
-        standing = gait.standing(gait_settings, clock)
-        support = jnp.where(standing[:, None], feet_world, footholds)
-        travelled = jnp.concatenate([reference.pose[None], reference.poses[:-1]])[:, :3] - reference.pose[:3]
-        levers = support[None] - (body.com_world + travelled)[:, None, :]  # (N, 4, 3) world
-        levers = jnp.concatenate([levers[..., :2] @ R_yaw, levers[..., 2:]], -1)  # yaw frame
+        support = plan_support(clock, elapsed, feet_world, footholds, reference)
+        qp = robot_qp(constants, settings.mpc, robot, robot_state, body, reference, integral, support, contact)
+        return Plan(qp, body, clock, footholds, integral)
 
-        qp = build_qp(
-            constants,
-            settings.mpc,
-            body_in_yaw_frame(robot_state, body, R_yaw),
-            reference_in_yaw_frame(reference, body, yaw, R_yaw, integral),
-            body.mass,
-            inertia_in_yaw_frame(body),
-            levers,
-            contact,
-        )
-        solution = cone_qp.solve(qp, state.warm_start, settings.mpc.iterations)
-        forces_yaw = solution.forces[0].reshape(4, 3)
-        forces_world = jnp.concatenate([forces_yaw[:, :2] @ R_yaw.T, forces_yaw[:, 2:]], -1)
-        residual = jnp.maximum(solution.primal_residual, solution.dual_residual)
+    def plan(state: ControllerState, robot_state: RobotState, reference: Reference) -> ControllerState:
+        qp, body, clock, footholds, integral = prepare(state, robot_state, reference)
+        solution = solve(qp, cone_qp.shift(state.warm_start, settings.plan_dt / settings.mpc.mpc_dt))
+        forces_world = solution.forces[0].reshape(4, 3) @ body.R_world_yaw.T
+        # Without a solution the forces of the last plan are the best guess; act leaves out those of feet in the air.
+        forces_world = jnp.where(solution.status == cone_qp.NOT_FINITE, state.forces_world, forces_world)
         return state._replace(
             gait=clock,
             foothold_world=footholds,
@@ -165,9 +123,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             forces_world=forces_world,
             integral=integral,
             warm_start=solution.warm_start,
-            residual=residual,
-            # Not "residual > tolerance": a residual that is not a number is a failure too.
-            mpc_failures=state.mpc_failures + jnp.int32(~(residual <= settings.mpc.tolerance)),
+            diagnostics=after_plan(state.diagnostics, solution, forces_world, qp.friction, qp.force_max),
         )
 
     def at_rest(state: ControllerState, body: Body, robot_state: RobotState, reference: Reference) -> jax.Array:
@@ -212,6 +168,17 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         planar = hips + jnp.einsum("lij,lj->li", rotation, offset)
         return jnp.concatenate([planar, jnp.full((4, 1), foot_height)], -1)
 
+    def plan_support(
+        clock: gait.Gait, elapsed: jax.Array, feet: jax.Array, footholds: jax.Array, reference: Reference
+    ) -> jax.Array:
+        """Where each foot stands at the nodes: here, after a swing on its foothold, then as far ahead as the trunk."""
+        standing = gait.standing(gait_settings, clock)
+        early = standing & ~gait.scheduled(gait_settings, clock)  # the landing of the present swing has been
+        landings = gait.landings_ahead(gait_settings, clock, elapsed)  # (N, 4)
+        stride = jnp.concatenate([reference.velocity[:2], jnp.zeros(1)]) * clock.period
+        ahead = footholds + jnp.maximum(landings - 1, 0)[..., None] * stride
+        return jnp.where((standing & (landings <= early))[..., None], feet, ahead)
+
     def act(state: ControllerState, robot_state: RobotState) -> tuple[ControllerState, jax.Array]:
         R = quaternion_to_matrix(robot_state.base_quat, jnp)
         feet_base = leg_forward_kinematics(robot, robot_state.joint_pos)
@@ -223,7 +190,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         bears = gait.standing(gait_settings, clock) & (by_clock | (state.forces_world[:, 2] > 0))
         speed = jnp.sqrt(jnp.sum(state.velocity_planar**2))
         late = gait.late_by(gait_settings, clock)
-        torque = torques.whole_body_torque(
+        wanted = torques.whole_body_torque(
             robot,
             settings,
             inertia * feed_forward_share(robot_state.base_pos[2] / leg_length),
@@ -241,46 +208,12 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
                 jnp.where((late > 0) & (REACH_SPEED * late < REACH_DEPTH), REACH_SPEED, 0.0),
             ),
         )
+        torque = jnp.clip(wanted, -robot.torque_limit, robot.torque_limit)
+        diagnostics = after_act(state.diagnostics, robot, robot_state.joint_pos, wanted, torque, bears)
         following = gait.advance(gait_settings, clock, settings.control_dt, robot_state.foot_contact)
-        return state._replace(gait=following, lift_off_world=lift_off), torque
+        return state._replace(gait=following, lift_off_world=lift_off, diagnostics=diagnostics), torque
 
-    return Controller(init, plan, act)
-
-
-def body_in_yaw_frame(robot_state: RobotState, body: Body, R_yaw: jax.Array) -> BodyState:
-    """The current state with the origin at the centre of mass's ground point and x along the heading."""
-    position = jnp.concatenate([body.rpy[:2], jnp.zeros(3), body.com_world[2:]])
-    angular = body.R_world_base @ robot_state.base_ang_vel_base
-    linear = body.com_velocity_world
-    velocity = jnp.concatenate([angular[:2] @ R_yaw, angular[2:], linear[:2] @ R_yaw, linear[2:]])
-    return BodyState(position, velocity)
+    return Controller(init, problem, plan, act)
 
 
-def reference_in_yaw_frame(
-    reference: Reference, body: Body, yaw: jax.Array, R_yaw: jax.Array, integral: jax.Array
-) -> BodyState:
-    """The reference of the centre of mass at the nodes, with the integral correction, shape (N, 6) each."""
-    nodes = len(reference.poses)
-    yaws = wrap_angle(reference.poses[:, 3] - yaw, jnp)
-    # The trunk's reference, shifted to the centre of mass with the trunk level at the reference's yaw.
-    offset = jnp.einsum("nij,j->ni", rotation_2d(reference.poses[:, 3], jnp), body.com_base[:2])
-    planar = (reference.poses[:, :2] + offset - body.com_world[:2]) @ R_yaw
-    height = reference.poses[:, 2] + body.com_base[2] + integral[0]
-    tilt = jnp.broadcast_to(integral[1:], (nodes, 2))
-    position = jnp.concatenate([tilt, yaws[:, None], planar, height[:, None]], -1)
-    velocities = reference.velocities
-    velocity = jnp.concatenate(
-        [jnp.zeros((nodes, 2)), velocities[:, 3:], velocities[:, :2] @ R_yaw, velocities[:, 2:3]], -1
-    )
-    return BodyState(position, velocity)
-
-
-def inertia_in_yaw_frame(body: Body) -> jax.Array:
-    """Inertia about the centre of mass, turned by roll and pitch only. Shape (3, 3) [kg m^2]."""
-    c, s = jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])
-    R_yaw_world = jnp.array([[c, s, 0.0], [-s, c, 0.0], [0.0, 0.0, 1.0]])
-    R = R_yaw_world @ body.R_world_base
-    return R @ body.inertia_base @ R.T
-
-
-__all__ = ["Controller", "ControllerState", "MpcConstants", "Reference", "make_controller", "measure"]
+__all__ = ["Controller", "ControllerState", "Reference", "make_controller"]

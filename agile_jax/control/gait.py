@@ -104,6 +104,15 @@ def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> ja
     return (by_clock | early) & ~late
 
 
+def landings_ahead(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> jax.Array:
+    """How often each foot will have landed by the clock after the given times (N,) [s]. (N, 4) int32."""
+
+    def strides(phase: jax.Array) -> jax.Array:
+        return jnp.floor(phase[..., None] + jnp.array(TROT_OFFSETS) + gait.walk * jnp.array(WALK_SHIFT))
+
+    return (strides(_phase_after(settings, gait, elapsed)) - strides(gait.phase)).astype(jnp.int32)
+
+
 def advance(settings: GaitSettings, gait: Gait, dt: float, touching: jax.Array | None) -> Gait:
     """One control step on.
 

@@ -1,6 +1,6 @@
 """Settings of the whole-body controller."""
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
@@ -42,8 +42,11 @@ class MpcSettings(Settings):
     weight_force: Positive = 2e-5
     friction: Positive = 0.35  # coefficient that the controller trusts; below that of slippery floors (0.4)
     force_max: Positive = 200.0  # normal force of one foot [N]
-    iterations: Count = 30  # of the ADMM solver
-    tolerance: Positive = 5.0  # a residual above it counts as a failed solution [N]
+    joint_margin: NonNegative = 0.01  # kept from the joints' position limits [rad]
+    friction_cone: Literal["cone", "pyramid"] = "cone"  # the exact second-order cone, or the pyramid inside it
+    iterations: Count = 40  # of the solver's first pass
+    iterations_max: Count = 300  # of its second pass, which also knows the joints' limits
+    tolerance: Positive = 0.003  # largest residual of a solved problem [N]
 
 
 class ControlSettings(Settings):

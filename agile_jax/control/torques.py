@@ -114,7 +114,7 @@ def whole_body_torque(
     forces_world: jax.Array,
     swing: SwingTarget,
 ) -> jax.Array:
-    """Torques of all joints, within the actuators' limits. Shape (12,) [Nm].
+    """Torques that the planned forces and paths ask of the joints, limits aside. Shape (12,) [Nm].
 
     Args:
         robot, settings, robot_state: of one robot.
@@ -132,8 +132,7 @@ def whole_body_torque(
     pd += jnp.einsum("lij,lj->li", inertia, target_acc.reshape(4, 3)).reshape(-1)
     torque = jnp.where(jnp.repeat(standing, 3), stance, pd)
     torque += gravity_torque(robot, robot_state.joint_pos, R_world_base)
-    torque += passive_torque(robot, robot_state.joint_vel)
-    return jnp.clip(torque, -robot.torque_limit, robot.torque_limit)
+    return torque + passive_torque(robot, robot_state.joint_vel)
 
 
 __all__ = ["SwingTarget", "gravity_torque", "leg_forward_kinematics", "passive_torque", "whole_body_torque"]

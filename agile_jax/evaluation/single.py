@@ -68,5 +68,5 @@ def rollout_one(
         "min_clearance_m": float(outcome.min_clearance[0]),
         "final_error_m": float(outcome.planar_error[0]),
         "lowest_trunk_height_m": float(trace.qpos[:, 2].min()),
-        "mpc_failures": int(rollout.mpc_failures[0]),
+        **{key: int(values[0]) for key, values in rollout.counts._asdict().items()},
     }

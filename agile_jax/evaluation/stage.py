@@ -179,7 +179,7 @@ def episode_columns(rollout: Rollout) -> Columns:
         "work": outcome.work,
         "distance": outcome.distance,
         "steps": outcome.steps,
-        "mpc_failures": rollout.mpc_failures,
+        **rollout.counts._asdict(),
         "plans": rollout.plans,
     }
     return {name: np.asarray(values) for name, values in columns.items()}

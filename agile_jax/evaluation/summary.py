@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from agile_jax.control import ControlSettings
+from agile_jax.control import ControlSettings, Counts
 from agile_jax.evaluation.statistics import wilson_interval
 from agile_jax.simulation import OUTCOME_NAMES
 
@@ -51,7 +51,7 @@ def summarize(columns: dict[str, np.ndarray], control: ControlSettings, seconds:
             np.sqrt(np.average(columns["velocity_tracking_rmse"].astype(float) ** 2, weights=steps))
         ),
         "torque_saturation_fraction": finite_or_none(np.average(columns["torque_saturation"], weights=steps)),
-        "mpc_failures": int(columns["mpc_failures"].sum()),
+        **{name: int(columns[name].sum()) for name in Counts._fields},
         "mpc_solutions": int(columns["plans"].sum()),
         "expert_failures": int((~solved).sum()),
         "success_rate_where_path": float(success[solved].mean()) if solved.any() else None,

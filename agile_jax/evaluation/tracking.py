@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.control import ControllerState, ControlSettings, make_controller
+from agile_jax.control import ControllerState, ControlSettings, keep_counts, make_controller
 from agile_jax.geometry import quaternion_to_matrix, rotation_2d
 from agile_jax.progress import silent
 from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, load_robot, robot_state, standing_qpos
@@ -121,7 +121,7 @@ def tracking_loop(robot: RobotModel, settings: ControlSettings, disturbance: Dis
         planned = controller.plan(
             state.controller, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact), reference
         )
-        return state._replace(controller=planned, reference=reference_state)
+        return state._replace(controller=counting(state, planned), reference=reference_state)
 
     def act(state: Tracked, sensed: Sensed, command: Command, draws: Any) -> Tracked:
         tally = update_tally(state, sensed, command, robot, settings)
@@ -136,8 +136,19 @@ def tracking_loop(robot: RobotModel, settings: ControlSettings, disturbance: Dis
             drift = next_drift(drift, jax.random.fold_in(draws.key, 4 * state.step + 2), settings.control_dt)
         queue = jnp.concatenate([state.queue[1:], torque[None]])
         return Tracked(
-            controlled, state.reference, tally, state.time + settings.control_dt, state.step + 1, drift, queue
+            counting(state, controlled),
+            state.reference,
+            tally,
+            state.time + settings.control_dt,
+            state.step + 1,
+            drift,
+            queue,
         )
+
+    def counting(state: Tracked, new: ControllerState) -> ControllerState:
+        """The controller's new state; once the robot has fallen, its counts stay."""
+        upright = jnp.isinf(state.tally.fall_time)
+        return new._replace(diagnostics=keep_counts(upright, new.diagnostics, state.controller.diagnostics))
 
     return Loop(
         jax.jit(jax.vmap(init)),
@@ -215,7 +226,8 @@ def track_commands(
 
     Returns:
         Columns of n: fall_time [s], velocity_rms [m/s], velocity_bias (n, 2), yaw_rate_rms, height_error_max [m],
-        tilt_max [rad], cone_violation [N], torque_share, joint_violation [rad], mpc_failures.
+        tilt_max [rad], cone_violation [N], torque_share, joint_violation [rad], and the
+        controller's counts.
     """
     count = len(commands.yaw_rate)
     robot = load_robot(robot_settings)
@@ -259,7 +271,7 @@ def columns(states: Tracked) -> dict[str, np.ndarray]:
         "cone_violation": tally.cone_violation,
         "torque_share": tally.torque_share,
         "joint_violation": tally.joint_violation,
-        "mpc_failures": np.asarray(states.controller.mpc_failures),
+        **{name: np.asarray(values) for name, values in states.controller.diagnostics.counts._asdict().items()},
     }
 
 

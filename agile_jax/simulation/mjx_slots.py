@@ -16,7 +16,7 @@ from agile_jax.simulation.outcome import RUNNING
 from agile_jax.simulation.rollout import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.slots import Rollout
-from agile_jax.simulation.traces import Sample
+from agile_jax.simulation.traces import Sample, sample_of
 
 SEGMENT = 10  # plans between two looks at who has ended
 
@@ -60,9 +60,7 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
         episode = loop.plan(parameters, (), state.episode, state.sensed)
         carry = (state.data, episode, state.sensed)
         (data, episode, sensed), _ = jax.lax.scan(one_act, carry, None, length=loop.acts_per_plan)
-        reference = jnp.concatenate([episode.reference.pose, episode.reference.velocity])
-        sample = Sample(sensed.qpos, sensed.qvel, episode.torque, reference)
-        return MjxState(data, episode, sensed, state.plans + running), (running, sample)
+        return MjxState(data, episode, sensed, state.plans + running), (running, sample_of(episode, sensed))
 
     def init(qpos: jax.Array, limit: jax.Array) -> MjxState:
         touches_nothing = jnp.bool_(False)
@@ -131,7 +129,8 @@ class MjxSlots:
         assert self._states is not None
         episode, plans = self._states.episode, np.asarray(self._states.plans)
         outcome = jax.tree.map(lambda values: np.asarray(values)[slots], episode.outcome)
-        return Rollout(outcome, np.asarray(episode.controller.mpc_failures)[slots], plans[slots])
+        counts = jax.tree.map(lambda values: np.asarray(values)[slots], episode.controller.diagnostics.counts)
+        return Rollout(outcome, counts, plans[slots])
 
     def snapshot(self) -> tuple[np.ndarray, Sample]:
         """The states of all slots after each plan of the last segment, still on the device."""

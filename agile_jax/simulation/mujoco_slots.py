@@ -14,7 +14,7 @@ from agile_jax.simulation.paths import PathPlanner
 from agile_jax.simulation.rollout import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.slots import Rollout
-from agile_jax.simulation.traces import Sample
+from agile_jax.simulation.traces import Sample, sample_of
 
 
 class BatchLoop(NamedTuple):
@@ -108,30 +108,21 @@ class MujocoSlots:
         """The results in some slots."""
         assert self._episodes is not None
         outcome = jax.tree.map(lambda values: np.asarray(values)[slots], self._episodes.outcome)
-        failures = np.asarray(self._episodes.controller.mpc_failures)[slots]
-        return Rollout(outcome, failures, self._plans[slots])
+        counts = jax.tree.map(lambda values: np.asarray(values)[slots], self._episodes.controller.diagnostics.counts)
+        return Rollout(outcome, counts, self._plans[slots])
 
     def snapshot(self) -> tuple[np.ndarray, Sample]:
         """The states of all slots after the last plan: was it running (count, 1), samples (count, 1, ...)."""
         assert self._episodes is not None
-        reference = self._episodes.reference
-        references = np.concatenate([np.asarray(reference.pose), np.asarray(reference.velocity)], -1)
-        # A copy: the torques' memory is given to the next plan.
-        sample = Sample(self._sensed.qpos, self._sensed.qvel, np.array(self._episodes.torque), references)
+        # Copies: the memory is given to the next plan.
+        sample = jax.tree.map(np.array, sample_of(self._episodes, self._sensed))
         return self._was_active[:, None], Sample(*(values[:, None] for values in sample))
 
     def samples(self, slot: int) -> list[Sample]:
         """The state of one slot after the last plan."""
         assert self._episodes is not None
-        reference = self._episodes.reference
-        return [
-            Sample(
-                self._sensed.qpos[slot].copy(),
-                self._sensed.qvel[slot].copy(),
-                np.asarray(self._episodes.torque)[slot].copy(),
-                np.concatenate([np.asarray(reference.pose)[slot], np.asarray(reference.velocity)[slot]]),
-            )
-        ]
+        batch = sample_of(self._episodes, self._sensed)
+        return [Sample(*(np.array(np.asarray(values)[slot]) for values in batch))]
 
 
 def poses_of(qpos: np.ndarray) -> np.ndarray:

@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.control import ControllerState, ControlSettings, make_controller
+from agile_jax.control import ControllerState, ControlSettings, keep_counts, make_controller
 from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, robot_state
 from agile_jax.scene import Scene
-from agile_jax.simulation.outcome import Outcome, init_outcome, trunk_pose, update_outcome
+from agile_jax.simulation.outcome import RUNNING, Outcome, init_outcome, trunk_pose, update_outcome
 from agile_jax.simulation.reference import Command, ReferenceState, plan_reference
 from agile_jax.simulation.sensed import Sensed
 
@@ -78,9 +78,8 @@ def make_closed_loop(
         reference_state, reference = plan_reference(
             command, parameters, path, episode.reference, trunk_pose(sensed), episode.outcome.time, limit, settings
         )
-        return episode._replace(
-            controller=controller.plan(episode.controller, state, reference), reference=reference_state
-        )
+        planned = counting(episode, controller.plan(episode.controller, state, reference))
+        return episode._replace(controller=planned, reference=reference_state)
 
     def act(episode: Episode, sensed: Sensed) -> Episode:
         outcome = update_outcome(
@@ -94,6 +93,11 @@ def make_closed_loop(
             settings.control_dt,
         )
         state, torque = controller.act(episode.controller, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact))
-        return episode._replace(controller=state, outcome=outcome, torque=torque)
+        return episode._replace(controller=counting(episode, state), outcome=outcome, torque=torque)
+
+    def counting(episode: Episode, new: ControllerState) -> ControllerState:
+        """The controller's new state; once the episode has ended, its counts stay."""
+        running = episode.outcome.status == RUNNING
+        return new._replace(diagnostics=keep_counts(running, new.diagnostics, episode.controller.diagnostics))
 
     return ClosedLoop(init, plan, act, settings.control_dt, round(settings.plan_dt / settings.control_dt))

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 import jax
 import numpy as np
 
+from agile_jax.control import Counts
 from agile_jax.simulation.outcome import RUNNING, Outcome
 
 
@@ -18,7 +19,7 @@ class Rollout(NamedTuple):
     """What n episodes ended with."""
 
     outcome: Outcome  # leading axis n
-    mpc_failures: np.ndarray  # (n,) solutions above the tolerance
+    counts: Counts  # of the controller, leading axis n
     plans: np.ndarray  # (n,) solutions in all
 
 

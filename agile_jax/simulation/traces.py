@@ -3,10 +3,13 @@
 from collections import defaultdict, deque
 from typing import Any, NamedTuple, Protocol
 
+import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.scene import Scene, clearance
+from agile_jax.simulation.rollout import Episode
+from agile_jax.simulation.sensed import Sensed
 
 Array = Any  # numpy.ndarray or jax.Array
 
@@ -19,6 +22,9 @@ class Trace(NamedTuple):
     qvel: np.ndarray  # (K, 18)
     torque: np.ndarray  # (K, 12) [Nm]
     reference: np.ndarray  # (K, 8) pose and velocity of the reference
+    mpc_status: np.ndarray  # (K,) of the MPC's solution, `control.cone_qp`
+    mpc_residual: np.ndarray  # (K,) its largest [N]
+    saturated: np.ndarray  # (K, 12) bool: torques cut to their limit
     clearance: np.ndarray  # (K,) of the torso's envelope [m]
 
 
@@ -29,6 +35,23 @@ class Sample(NamedTuple):
     qvel: Array
     torque: Array
     reference: Array  # pose and velocity
+    mpc_status: Array
+    mpc_residual: Array  # [N]
+    saturated: Array
+
+
+def sample_of(episode: Episode, sensed: Sensed) -> Sample:
+    """What is recorded of a robot, or of a batch."""
+    reference, diagnostics = episode.reference, episode.controller.diagnostics
+    return Sample(
+        sensed.qpos,
+        sensed.qvel,
+        episode.torque,
+        jnp.concatenate([reference.pose, reference.velocity], -1),
+        diagnostics.status,
+        jnp.maximum(diagnostics.primal_residual, diagnostics.dual_residual),
+        diagnostics.saturated,
+    )
 
 
 class Sampled(Protocol):
@@ -89,9 +112,7 @@ class LastStates:
 
 
 def _trace(samples: list[Sample], scene: Scene, plan_dt: float) -> Trace:
-    qpos, qvel, torque, reference = (
-        np.stack([getattr(sample, name) for sample in samples]) for name in ("qpos", "qvel", "torque", "reference")
-    )
-    poses = np.concatenate([qpos[:, :3], quaternion_to_rpy(qpos[:, 3:7])[:, 2:]], -1)
+    stacked = Sample(*(np.stack(values) for values in zip(*samples, strict=True)))
+    poses = np.concatenate([stacked.qpos[:, :3], quaternion_to_rpy(stacked.qpos[:, 3:7])[:, 2:]], -1)
     time = plan_dt * np.arange(1, len(samples) + 1)
-    return Trace(time, qpos, qvel, torque, reference, np.asarray(clearance(scene, poses)))
+    return Trace(time, *stacked, clearance=np.asarray(clearance(scene, poses)))

@@ -159,7 +159,7 @@ def test_the_command_writes_its_file_in_one_thread(tmp_path: pathlib.Path) -> No
     ("arguments", "words"),
     [
         ([], "which benchmark? There are: expert"),
-        (["experts"], "There are: expert, training, policy, tracking, evaluation, not experts"),
+        (["experts"], "There are: expert, training, mpc, policy, tracking, evaluation, not experts"),
         (["expert", "nowhere.toml"], "nowhere.toml: no such file"),
         (["expert", "--starts", "0"], "starts = 0 must be at least 1"),
         (["expert", "--expert.nodes", "1"], "expert.nodes = 1"),

@@ -1,165 +1,290 @@
-"""The MPC's problem and its solver, against simulation, an independent solver, and the geometry of projections."""
+"""The solver: known solutions, independent solvers, every constraint active, and what it says when it fails."""
 
-import casadi as ca
+from functools import lru_cache
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from agile_jax.benchmark.dense_qp import all_forces, dense_qp, violations
+from agile_jax.benchmark.mpc_peers import make_clarabel, make_piqp
 from agile_jax.control import MpcSettings
-from agile_jax.control.centroidal import BodyState, double_integrator_response, force_map
-from agile_jax.control.cone_qp import Qp, cold_start, project, solve
-from agile_jax.control.mpc import build_qp, mpc_constants
+from agile_jax.control.centroidal import force_map
+from agile_jax.control.cone_qp import (
+    INFEASIBLE,
+    NOT_FINITE,
+    SOLVED,
+    STATUS_NAMES,
+    UNCONVERGED,
+    QpSolution,
+    WarmStart,
+    cold_start,
+    in_blocks,
+    make_solver,
+    shift,
+)
+from agile_jax.control.leg_limits import JointRows, TorqueRows
+from agile_jax.control.mpc import Qp, mpc_constants
+from agile_jax.control.projection import project_cone
 
 SETTINGS = MpcSettings()
+CONSTANTS = mpc_constants(SETTINGS)
 NODES = SETTINGS.horizon
-MASS = 12.453
-INERTIA = np.diag([0.14, 0.37, 0.40])
-FEET = np.array([[0.18, -0.13, -0.26], [0.18, 0.13, -0.26], [-0.18, -0.13, -0.26], [-0.18, 0.13, -0.26]])
+ACCURATE = 0.1  # [N]
 
 
-def make_problem(seed: int, spread: float) -> tuple[Qp, BodyState, BodyState]:
-    """A trotting robot off its reference by a random state of size `spread`."""
+@lru_cache
+def compiled(
+    cone: str = "cone", iterations_max: int = SETTINGS.iterations_max, tolerance: float = SETTINGS.tolerance
+) -> Any:
+    changes = {"friction_cone": cone, "iterations_max": iterations_max, "tolerance": tolerance}
+    settings = SETTINGS.model_copy(update=changes)
+    solve = make_solver(CONSTANTS, settings)
+    return jax.jit(jax.vmap(lambda qp: solve(qp, cold_start(NODES))))
+
+
+def solve_exactly(qp: Qp, pyramid: bool) -> list[np.ndarray]:
+    """All forces, by Clarabel (cone) or PIQP (pyramid), in float64."""
+    pytest.importorskip("piqp" if pyramid else "clarabel")
+    peer = make_piqp() if pyramid else make_clarabel(1e-9)
+    found = []
+    for i in range(len(qp.linear)):
+        problem = dense_qp(CONSTANTS, qp, i)
+        x = peer.solve(peer.prepare(problem))
+        assert x is not None
+        found.append(all_forces(problem, x))
+    return found
+
+
+def agree(solution: QpSolution, expected: list[np.ndarray]) -> None:
+    forces = np.array(solution.forces, float)[:, 0]
+    np.testing.assert_allclose(forces, np.array(expected)[:, :12], atol=ACCURATE)
+    np.testing.assert_array_equal(solution.status, SOLVED)
+
+
+def check_constraints(qp: Qp, solution: QpSolution, pyramid: bool = False) -> None:
+    for i, forces in enumerate(np.array(solution.forces, float)):
+        problem = dense_qp(CONSTANTS, qp, i)
+        broken = violations(problem, forces.reshape(-1)[problem.columns], pyramid)
+        assert broken.cone < 1e-4
+        assert broken.torque < 1e-4
+        np.testing.assert_array_equal(forces.reshape(-1)[~problem.columns], 0.0)
+
+
+def backward_problem(seed: int) -> tuple[Qp, np.ndarray]:
+    """A problem whose solution is known: multipliers first, then the forces, then the bounds and the linear cost.
+
+    The forces minimise w/2 |f|^2 + (B' lambda + A' mu).f over the cones, that is, f = P(-(B' lambda + A' mu) / w). The
+    rows with a multiplier get their bound where they are, the others far away, and h = lambda - K' nu - H y makes
+    lambda the gradient.
+    """
     rng = np.random.default_rng(seed)
-    contact = np.where((np.arange(NODES) // 5 % 2)[:, None] == 0, [1.0, 0.0, 0.0, 1.0], [0.0, 1.0, 1.0, 0.0])
-    position = np.array([0, 0, 0, 0, 0, 0.26]) + spread * rng.normal(size=6) * [0.1, 0.1, 0.1, 0.03, 0.03, 0.02]
-    velocity = spread * rng.normal(size=6) * [0.5, 0.5, 0.5, 0.3, 0.3, 0.2]
-    body = BodyState(jnp.asarray(position, jnp.float32), jnp.asarray(velocity, jnp.float32))
-    steps = np.arange(1, NODES + 1)[:, None] * SETTINGS.mpc_dt
-    target = np.array([0.5, 0, 0])
-    reference = BodyState(
-        jnp.asarray(np.concatenate([np.zeros((NODES, 3)), steps * target + [0, 0, 0.26]], -1), jnp.float32),
-        jnp.asarray(np.tile([0, 0, 0, *target], (NODES, 1)), jnp.float32),
+    feet = np.array([[0.18, -0.13, -0.26], [0.18, 0.13, -0.26], [-0.18, -0.13, -0.26], [-0.18, 0.13, -0.26]])
+    levers = jnp.asarray(feet + 0.03 * rng.normal(size=(NODES, 4, 3)), jnp.float32)
+    B = np.array(force_map(jnp.float32(12.4), jnp.diag(jnp.array([0.14, 0.37, 0.40])), levers), float)
+    contact = (rng.random((NODES, 4)) < 0.7).astype(float)
+    weight, friction, force_max = 1e-3, 0.5, 80.0
+    wanted = np.tile([0.0, 0.0, 50.0], (NODES, 4)) + 30 * rng.normal(size=(NODES, 12))
+    gradient = np.einsum("kif,kf->ki", np.linalg.pinv(B.transpose(0, 2, 1)), -weight * wanted)
+    A = 0.2 * np.linalg.qr(rng.normal(size=(NODES, 4, 3, 3)))[0]
+
+    def forces_at(price: np.ndarray) -> np.ndarray:
+        pull = np.einsum("kif,ki->kf", B, gradient).reshape(NODES, 4, 3) + np.einsum("klij,kli->klj", A, price)
+        with jax.enable_x64(True):
+            inside = project_cone(jnp.asarray(-pull / weight), jnp.float64(friction), jnp.float64(force_max))
+        return np.array(inside) * contact[..., None]
+
+    side = np.sign(np.einsum("klij,klj->kli", A, forces_at(np.zeros((NODES, 4, 3)))))
+    price = side * rng.uniform(0, 0.01, (NODES, 4, 3)) * (rng.random((NODES, 4, 3)) < 0.2) * contact[..., None]
+    forces = forces_at(price)
+    torque = np.einsum("klij,klj->kli", A, forces)
+    price_kept = np.sign(torque) == np.sign(price)
+    if not price_kept[price != 0].all():  # a multiplier so large that it turned its torque around
+        return backward_problem(seed + 1000)
+    upper = np.where(price > 0, torque, np.abs(torque) + 1.0)
+    lower = np.where(price < 0, torque, -np.abs(torque) - 1.0)
+
+    wrench = np.einsum("kif,kf->ki", B, forces.reshape(NODES, 12))
+    joint_map = rng.normal(size=(NODES, 12, 6)) * 4
+    position = np.array(CONSTANTS.response, float) @ wrench
+    rows = np.einsum("kij,kj->ki", joint_map, position)
+    joint_price = rng.normal(size=(NODES, 12)) * (rng.random((NODES, 12)) < 0.05)
+    push = np.array(CONSTANTS.response, float).T @ np.einsum("kij,ki->kj", joint_map, joint_price)
+    linear = gradient - push - (np.array(CONSTANTS.hessian, float) @ wrench.reshape(-1)).reshape(NODES, 6)
+    arrays = (
+        linear,
+        B,
+        contact,
+        friction,
+        force_max,
+        weight,
+        TorqueRows(A, lower, upper),
+        JointRows(joint_map, np.where(joint_price < 0, rows, rows - 0.1), np.where(joint_price > 0, rows, rows + 0.1)),
     )
-    levers = FEET + 0.03 * rng.normal(size=(NODES, 4, 3))
-    qp = build_qp(
-        mpc_constants(SETTINGS),
-        SETTINGS,
-        body,
-        reference,
-        jnp.float32(MASS),
-        jnp.asarray(INERTIA, jnp.float32),
-        jnp.asarray(levers, jnp.float32),
-        jnp.asarray(contact, jnp.float32),
+    return jax.tree.map(lambda values: jnp.asarray(values, jnp.float32), Qp(*arrays)), forces.reshape(NODES, 12)
+
+
+def test_finds_solutions_that_are_known_beforehand():
+    made = [backward_problem(seed) for seed in range(16)]
+    qp = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(part for part, _ in made))
+    expected = np.stack([forces for _, forces in made])
+    solution = compiled(iterations_max=3000, tolerance=1e-3)(qp)
+    np.testing.assert_array_equal(solution.status, SOLVED)
+    np.testing.assert_allclose(np.array(solution.forces), expected, atol=ACCURATE)
+    # They were worth solving: every kind of constraint is active somewhere.
+    feet = expected.reshape(16, NODES, 4, 3)
+    torque = np.einsum("bklij,bklj->bkli", qp.torque.map, feet)
+    assert (np.abs(torque - qp.torque.upper) < 1e-4).any((1, 2, 3)).sum() > 4
+    assert (np.abs(feet[..., 2] - 80.0) < 1e-6).any((1, 2)).sum() > 4
+    assert (np.hypot(feet[..., 0], feet[..., 1]) > 0.4999 * feet[..., 2]).any()
+
+
+def test_agrees_with_independent_solvers_on_a_walk(problems: Qp):
+    for cone in ("cone", "pyramid"):
+        solution = compiled(cone)(problems)
+        agree(solution, solve_exactly(problems, cone == "pyramid"))
+        check_constraints(problems, solution, cone == "pyramid")
+        assert (np.array(solution.iterations) == 0).any()  # both passes were needed
+        assert (np.array(solution.iterations) > 0).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("cone", ["cone", "pyramid"])
+def test_agrees_with_independent_solvers_on_a_thousand_problems(cone: str):
+    from agile_jax.benchmark.mpc_problems import record_problems
+    from agile_jax.control import ControlSettings
+
+    for qp, share in zip(record_problems(ControlSettings(), 1000), (1.0, 0.995), strict=True):
+        batch = jax.tree.map(jnp.asarray, qp)
+        solution = compiled(cone)(batch)
+        check_constraints(batch, solution, cone == "pyramid")
+        expected = np.array(solve_exactly(qp, cone == "pyramid"))[:, :12]
+        error = np.abs(np.array(solution.forces, float)[:, 0] - expected).max(-1)
+        solved = np.array(solution.status) == SOLVED
+        assert np.mean(solved & (error < ACCURATE)) >= share
+        assert (error[solved] < 0.3).all()  # what is not accurate says so
+
+
+def tighten(qp: Qp, constraint: str) -> Qp:
+    """Move one kind of bound so that it binds on problems of a walk."""
+    if constraint == "friction":
+        return qp._replace(friction=0 * qp.friction + 0.06)
+    if constraint == "normal force":
+        return qp._replace(force_max=0 * qp.force_max + 50.0)
+    if constraint == "torque":
+        rows = qp.torque
+        return qp._replace(torque=rows._replace(lower=rows.lower / 3.2, upper=rows.upper / 3.2))
+    # A standing foot's joints in the middle of the horizon are to stay 0.01 rad below where they would go.
+    node = NODES // 2
+    wrench = jnp.einsum("bkif,bkf->bki", qp.force_map, compiled()(qp).forces)
+    rows = jnp.einsum("bij,bj->bi", qp.joint.map[:, node], jnp.einsum("j,bja->ba", CONSTANTS.response[node], wrench))
+    stands = jnp.isfinite(qp.joint.upper[:, node])
+    upper = qp.joint.upper.at[:, node].set(jnp.where(stands, rows - 0.01, jnp.inf))
+    return qp._replace(joint=qp.joint._replace(upper=upper))
+
+
+def slack(qp: Qp, forces: list[np.ndarray], constraint: str) -> np.ndarray:
+    """Smallest distance to the bound in each problem, in units of the constraint."""
+    found = []
+    for i, force in enumerate(forces):
+        problem = dense_qp(CONSTANTS, qp, i)
+        x = force[problem.columns]
+        feet = x.reshape(-1, 3)
+        rows = problem.A @ x
+        over = np.minimum(rows - problem.lower, problem.upper - rows)
+        torque, joint = np.split(over, 2)
+        distance = {
+            "friction": problem.friction * feet[:, 2] - np.hypot(feet[:, 0], feet[:, 1]),
+            "normal force": problem.force_max - feet[:, 2],
+            "torque": torque,
+            "joint position": joint,
+        }
+        found.append(distance[constraint].min())
+    return np.array(found)
+
+
+@pytest.mark.parametrize("constraint", ["friction", "normal force", "torque", "joint position"])
+def test_each_constraint_is_kept_where_it_binds(recorded: Any, constraint: str):
+    loose = jax.tree.map(lambda values: jnp.asarray(values[:16]), recorded.calm)
+    tight = tighten(loose, constraint)
+    expected = solve_exactly(tight, pyramid=False)
+    binding = np.abs(slack(tight, expected, constraint)) < 1e-3
+    assert binding.sum() >= 4
+    # Without the bound the optimum breaks it.
+    free = slack(tight, solve_exactly(loose, pyramid=False), constraint)
+    assert (free[binding] < -1e-3).mean() > 0.7
+    solution = compiled(iterations_max=3000, tolerance=1e-3)(tight)  # tighter than any walk
+    agree(solution, expected)
+    check_constraints(tight, solution)
+    assert (
+        np.abs(slack(tight, list(np.array(solution.forces, float).reshape(16, -1)), constraint)[binding]).max() < 0.05
     )
-    return qp, body, reference
 
 
-def tracking_cost(qp: Qp, body: BodyState, reference: BodyState, forces: np.ndarray) -> float:
-    """Half the cost of the MPC by stepping the dynamics one by one: the second implementation."""
-    position, velocity = np.array(body.position, float), np.array(body.velocity, float)
-    weight_p = np.array(SETTINGS.weight_orientation + SETTINGS.weight_position)
-    weight_v = np.array(SETTINGS.weight_angular_velocity + SETTINGS.weight_velocity)
-    dt, cost = SETTINGS.mpc_dt, 0.0
-    for node in range(NODES):
-        acceleration = np.array(qp.force_map[node], float) @ forces[node] - [0, 0, 0, 0, 0, 9.81]
-        position = position + dt * velocity + dt**2 / 2 * acceleration
-        velocity = velocity + dt * acceleration
-        cost += weight_p @ (position - np.array(reference.position[node])) ** 2
-        cost += weight_v @ (velocity - np.array(reference.velocity[node])) ** 2
-        cost += SETTINGS.weight_force * forces[node] @ forces[node]
-    return cost / 2
+def test_an_infeasible_problem_is_reported_and_its_neighbours_solved(recorded: Any):
+    batch = jax.tree.map(lambda values: jnp.asarray(values[:8]), recorded.calm)
+    joint = batch.joint
+    stands = jnp.isfinite(joint.lower[2])
+    impossible = joint._replace(
+        lower=joint.lower.at[2].set(jnp.where(stands, joint.upper[2] - 0.05, -jnp.inf)),
+    )
+    solution = compiled()(batch._replace(joint=impossible))
+    others = np.arange(8) != 2
+    assert solution.status[2] in (INFEASIBLE, UNCONVERGED)
+    assert solution.joint_violation[2] > 0.05
+    np.testing.assert_array_equal(np.array(solution.status)[others], SOLVED)
+    np.testing.assert_array_equal(np.array(solution.forces)[others], np.array(compiled()(batch).forces)[others])
+    check_constraints(batch._replace(joint=impossible), solution)  # cones and torques are kept even so
 
 
-def test_condensed_cost_equals_stepping_the_dynamics():
-    qp, body, reference = make_problem(0, 1.0)
-    hessian = np.linalg.inv(np.array(qp.hessian_inverse, float))
-    rng = np.random.default_rng(1)
-
-    def condensed(forces: np.ndarray) -> float:
-        y = np.einsum("kif,kf->ki", np.array(qp.force_map, float), forces).reshape(-1)
-        return (
-            0.5 * y @ hessian @ y
-            + np.array(qp.linear, float).reshape(-1) @ y
-            + 0.5 * SETTINGS.weight_force * (forces**2).sum()
-        )
-
-    zero = np.zeros((NODES, 12))
-    for _ in range(5):
-        forces = 30 * rng.normal(size=(NODES, 12))
-        expected = tracking_cost(qp, body, reference, forces) - tracking_cost(qp, body, reference, zero)
-        assert condensed(forces) == pytest.approx(expected, rel=2e-4, abs=1e-3)
+def test_too_few_iterations_are_reported(recorded: Any):
+    hard = jax.tree.map(jnp.asarray, recorded.hard)
+    solution = compiled(iterations_max=10)(hard)
+    assert (solution.status == UNCONVERGED).any()
+    check_constraints(hard, solution)
+    residual = np.maximum(solution.primal_residual, solution.dual_residual)
+    np.testing.assert_array_equal(residual > SETTINGS.tolerance, np.array(solution.status) == UNCONVERGED)
 
 
-def test_response_of_the_double_integrator_is_exact():
-    response = double_integrator_response(7, 0.03)
-    acceleration = np.random.default_rng(0).normal(size=7)
-    position = velocity = 0.0
-    for node in range(7):
-        position += 0.03 * velocity + 0.03**2 / 2 * acceleration[node]
-        velocity += 0.03 * acceleration[node]
-        assert response.position[node] @ acceleration == pytest.approx(position, abs=1e-15)
-        assert response.velocity[node] @ acceleration == pytest.approx(velocity, abs=1e-15)
+def test_numbers_that_are_none_end_and_stay_where_they_are(recorded: Any):
+    batch = jax.tree.map(lambda values: jnp.asarray(values[:8]), recorded.calm)
+    poisoned = batch._replace(linear=batch.linear.at[5, 3, 2].set(jnp.nan))
+    solution = compiled()(poisoned)
+    assert solution.status[5] == NOT_FINITE
+    np.testing.assert_array_equal(solution.forces[5], 0.0)
+    assert all(np.isfinite(part).all() for part in solution.warm_start)
+    others = np.arange(8) != 5
+    np.testing.assert_array_equal(np.array(solution.forces)[others], np.array(compiled()(batch).forces)[others])
+    assert len(STATUS_NAMES) == 4
 
 
-def test_force_map_is_newton_and_euler():
-    forces = np.random.default_rng(0).normal(size=(4, 3))
-    acceleration = force_map(jnp.float32(MASS), jnp.asarray(INERTIA), jnp.asarray(FEET)) @ forces.reshape(-1)
-    np.testing.assert_allclose(acceleration[3:], forces.sum(0) / MASS, rtol=1e-5)
-    torque = np.cross(FEET, forces).sum(0)
-    np.testing.assert_allclose(acceleration[:3], np.linalg.solve(INERTIA, torque), rtol=1e-4, atol=1e-5)
+def test_a_problem_alone_and_in_any_batch_has_one_solution(problems: Qp):
+    together = compiled()(problems)
+    turned = compiled()(jax.tree.map(lambda values: values[::-1], problems))
+    np.testing.assert_allclose(turned.forces[::-1], together.forces, atol=2e-3)
+    np.testing.assert_array_equal(turned.iterations[::-1], together.iterations)
+    solve = make_solver(CONSTANTS, SETTINGS)
+    alone = jax.jit(lambda qp: solve(qp, cold_start(NODES)))
+    for i in (0, 20, 31):
+        one = alone(jax.tree.map(lambda values, i=i: values[i], problems))
+        np.testing.assert_allclose(one.forces, together.forces[i], atol=2e-3)
 
 
-def test_projection_is_feasible_and_nearest():
-    """p is the projection of x onto a convex set iff (x - p).(q - p) <= 0 for every q of the set."""
-    rng = np.random.default_rng(0)
-    friction, force_max = 0.5, 5.0
-    points = rng.normal(size=(500, 3)) * 6
-    projected = np.array(project(jnp.asarray(points), jnp.ones(500), friction, force_max), float)
-    assert (np.hypot(projected[:, 0], projected[:, 1]) <= friction * projected[:, 2] + 1e-5).all()
-    assert (projected[:, 2] >= 0).all()
-    assert (projected[:, 2] <= force_max).all()
-    height = rng.uniform(0, force_max, 400)
-    radius, angle = friction * height * rng.uniform(0, 1, 400), rng.uniform(0, 2 * np.pi, 400)
-    members = np.stack([radius * np.cos(angle), radius * np.sin(angle), height], -1)
-    products = np.einsum("pi,pqi->pq", points - projected, members[None] - projected[:, None])
-    assert products.max() < 1e-3
-    np.testing.assert_array_equal(project(jnp.asarray(points), jnp.zeros(500), friction, force_max), 0.0)
+def test_blocks_are_put_together_in_order():
+    def solve(values: jax.Array, other: jax.Array) -> tuple[jax.Array, jax.Array]:
+        return values * 2, other.sum(0)
+
+    values, other = np.arange(3 * 150.0).reshape(3, 150), np.arange(2 * 150.0).reshape(2, 150)
+    for size in (5, 64, 128, 150):
+        doubled, total = in_blocks(solve, jnp.asarray(values[:, :size]), jnp.asarray(other[:, :size]))
+        np.testing.assert_array_equal(doubled, 2 * values[:, :size])
+        np.testing.assert_array_equal(total, other[:, :size].sum(0))
 
 
-def reference_solution(qp: Qp) -> np.ndarray:
-    """The same problem by IPOPT, in float64."""
-    hessian = np.linalg.inv(np.array(qp.hessian_inverse, float))
-    forces = ca.MX.sym("f", 12 * NODES)
-    blocks = [np.array(qp.force_map[k], float) for k in range(NODES)]
-    y = ca.vertcat(*[ca.DM(blocks[k]) @ forces[12 * k : 12 * k + 12] for k in range(NODES)])
-    cost = 0.5 * ca.bilin(ca.DM(hessian), y, y) + ca.dot(ca.DM(np.array(qp.linear, float).reshape(-1)), y)
-    cost += 0.5 * SETTINGS.weight_force * ca.sumsqr(forces)
-    lower, upper, cones = [], [], []
-    for k in range(NODES):
-        for leg in range(4):
-            stands = float(qp.contact[k, leg])
-            lower += [-ca.inf * stands if stands else 0.0] * 2 + [0.0]
-            upper += [ca.inf if stands else 0.0] * 2 + [SETTINGS.force_max * stands]
-            f = forces[12 * k + 3 * leg : 12 * k + 3 * leg + 3]
-            if stands:
-                cones.append((SETTINGS.friction * f[2]) ** 2 - f[0] ** 2 - f[1] ** 2)
-    options = {"ipopt.print_level": 0, "print_time": False, "ipopt.tol": 1e-9, "ipopt.sb": "yes"}
-    solver = ca.nlpsol("qp", "ipopt", {"x": forces, "f": cost, "g": ca.vertcat(*cones)}, options)
-    start = np.tile([0.0, 0.0, 60.0], 4 * NODES)
-    result = solver(x0=start, lbx=lower, ubx=upper, lbg=0.0, ubg=ca.inf)
-    assert solver.stats()["success"]
-    return np.array(result["x"]).reshape(NODES, 12)
-
-
-@pytest.mark.parametrize(("seed", "spread"), [(0, 0.3), (1, 1.0), (2, 2.0)])
-def test_solution_agrees_with_an_independent_solver(seed: int, spread: float):
-    qp, body, reference = make_problem(seed, spread)
-    solution = jax.jit(lambda qp: solve(qp, cold_start(NODES), 200))(qp)
-    forces = np.array(solution.forces, float)
-    expected = reference_solution(qp)
-    # The force that is applied, and the cost: later nodes are flat directions.
-    np.testing.assert_allclose(forces[0], expected[0], atol=0.5)
-    best = tracking_cost(qp, body, reference, expected)
-    assert tracking_cost(qp, body, reference, forces) <= best * (1 + 1e-3) + 1e-3
-
-
-def test_forces_are_inside_their_cones_after_any_number_of_iterations():
-    problems = [make_problem(seed, 3.0)[0] for seed in range(20)]
-    batch = jax.tree.map(lambda *leaves: jnp.stack(leaves), *problems)
-    solution = jax.jit(jax.vmap(lambda qp: solve(qp, cold_start(NODES), 5)))(batch)
-    forces = np.array(solution.forces).reshape(20, NODES, 4, 3)
-    assert (np.hypot(forces[..., 0], forces[..., 1]) <= SETTINGS.friction * forces[..., 2] + 1e-3).all()
-    assert (forces[..., 2] <= SETTINGS.force_max + 1e-3).all()
-    np.testing.assert_array_equal(forces[np.array(batch.contact) == 0], 0.0)
-    assert np.isfinite(solution.primal_residual).all()
+def test_a_shifted_start_moves_along_the_horizon():
+    values = jnp.arange(NODES, dtype=jnp.float32)[:, None, None] * jnp.ones((NODES, 4, 3))
+    moved = shift(WarmStart(values, 2 * values), 2 / 3).forces[:, 0, 0]
+    np.testing.assert_allclose(moved, np.minimum(np.arange(NODES) + 2 / 3, NODES - 1), rtol=1e-5)
+    np.testing.assert_array_equal(shift(WarmStart(values, values), 1.0).price[:-1], values[1:])

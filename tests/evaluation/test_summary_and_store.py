@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from agile_jax.control import ControlSettings
+from agile_jax.control import ControlSettings, Counts
 from agile_jax.evaluation.stage import time_limit
 from agile_jax.evaluation.store import load_chunk, save_chunk
 from agile_jax.evaluation.summary import summarize
@@ -23,7 +23,9 @@ def columns() -> dict[str, np.ndarray]:
         "velocity_tracking_rmse": np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1]),
         "torque_saturation": np.zeros(6),
         "steps": np.array([1000, 1000, 500, 500, 500, 500]),
+        **{name: np.zeros(6, int) for name in Counts._fields},
         "mpc_failures": np.array([0, 0, 0, 0, 0, 3]),
+        "joint_violations": np.array([0, 0, 4, 0, 0, 3]),
         "plans": np.array([100, 100, 50, 50, 50, 50]),
     }
 
@@ -35,6 +37,7 @@ def test_summary_of_known_episodes():
     assert summary["arrival_time_ratio_median"] == pytest.approx((1.0 + 1.25) / 2)
     assert summary["velocity_tracking_rmse"] == pytest.approx(0.1)
     assert summary["mpc_failures"] == 3
+    assert (summary["cone_violations"], summary["torque_violations"], summary["joint_violations"]) == (0, 0, 7)
     assert summary["expert_failures"] == 1
     assert summary["simulated_seconds_per_second"] == pytest.approx(4000 * 0.002 / 4.0)
     json.dumps(summary, allow_nan=False)

@@ -148,7 +148,7 @@ def test_results_do_not_depend_on_threads_or_slots(reference: Rollout):
 
 def _select(rollout: Rollout, order: np.ndarray) -> tuple[Any, ...]:
     outcome = type(rollout.outcome)(*(values[order] for values in rollout.outcome))
-    return outcome, rollout.mpc_failures[order], rollout.plans[order]
+    return outcome, rollout.counts.mpc_failures[order], rollout.plans[order]
 
 
 @pytest.fixture(scope="module")
