@@ -51,7 +51,7 @@ IPOPT = {
     "sb": "yes",
     "tol": 1e-9,
     "constr_viol_tol": 1e-10,
-    "max_iter": 150,
+    "max_iter": 500,
     "linear_solver": "mumps",
     "option_file_name": "",  # else a file ipopt.opt in the working folder would silently change labels
 }
