@@ -377,3 +377,17 @@ def test_the_number_of_cores_changes_no_digit(folder: pathlib.Path) -> None:
             [sys.executable, "-c", program], check=True, capture_output=True, text=True, env=environment
         )
         assert ended.stdout.splitlines()[-1] == expected
+
+
+def test_a_device_that_fails_is_one_line(folder: pathlib.Path, monkeypatch, capsys) -> None:
+    import jax
+
+    from agile_jax import pipeline
+
+    def lost(*_, **__):
+        raise jax.errors.JaxRuntimeError("INTERNAL: CUDA_ERROR_ECC_UNCORRECTABLE: uncorrectable\nmore")
+
+    monkeypatch.setattr(pipeline, "run", lost)
+    assert main(["run", "good.toml"]) == 1
+    said = capsys.readouterr().err
+    assert "the device failed: INTERNAL: CUDA_ERROR_ECC_UNCORRECTABLE: uncorrectable; what was finished is kept" in said

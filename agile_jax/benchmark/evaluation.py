@@ -22,7 +22,7 @@ import mujoco.rollout
 import numpy as np
 
 from agile_jax.benchmark.metrics import Metric, as_json, number, table
-from agile_jax.evaluation.backend import Inputs, make_backend
+from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
 from agile_jax.evaluation.stage import evaluation_starts
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
@@ -103,7 +103,7 @@ def report(result: dict[str, Any]) -> str:
 
 
 def _measure(inputs: Inputs, run_dir: pathlib.Path, batch: int, threads: int) -> tuple[float, Parts | None]:
-    backend = make_backend(inputs, run_dir / "training", batch, threads)
+    backend = make_backend(inputs, command_parameters(inputs, run_dir / "training"), batch, threads)
     qpos = backend.qpos(evaluation_starts(inputs))
     slots, everyone, limits = backend.slots, np.arange(batch), np.full(batch, ENDLESS)
     segment = backend.plan_dt if isinstance(slots, MujocoSlots) else backend.plan_dt * slots.plans_per_advance

@@ -28,6 +28,7 @@ COMMANDS = {  # name: (arguments, what it does)
     "benchmark": ("SUBJECT [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
+DEVICE_ERRORS = ("JaxRuntimeError", "XlaRuntimeError")  # of JAX, which most commands have not loaded
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout", "compare")  # these import mujoco
 
 
@@ -57,6 +58,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _say(f"{where}{error.strerror or error}; what was finished is kept, {resume}", FAILED)
+    except RuntimeError as error:
+        if type(error).__name__ not in DEVICE_ERRORS:
+            raise
+        return _say(f"the device failed: {str(error).splitlines()[0]}; what was finished is kept, {resume}", FAILED)
     except KeyboardInterrupt:
         return _say(f"interrupted; {resume}", INTERRUPTED)
     except Interrupted as error:

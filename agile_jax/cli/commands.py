@@ -11,8 +11,7 @@ import tyro
 
 from agile_jax.cli import DONE, FAILED
 from agile_jax.cli.arguments import parse_experiment, parse_run_dir
-from agile_jax.dataset import IncompleteDatasetError
-from agile_jax.engine import check_engine
+from agile_jax.engine import TasksFailedError, check_engine
 from agile_jax.interruption import interruptible, persistent
 from agile_jax.pipeline import StageResult, failures, stages_up_to, states
 from agile_jax.progress import Progress, shown
@@ -228,7 +227,7 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
                 overwrite=options.overwrite,
                 progress=progress,
             )
-        except IncompleteDatasetError as error:
+        except TasksFailedError as error:
             print(f"agile: {error}", file=sys.stderr)
             return FAILED
     for result in results.values():

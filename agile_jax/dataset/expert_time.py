@@ -60,7 +60,7 @@ def expert_times(
         Times, shape (n,) [s], NaN where the expert found no path; n branch names.
 
     Raises:
-        RuntimeError: a worker failed for good.
+        TasksFailedError: a worker failed for good.
     """
     key = hash_json(
         [scene.model_dump(mode="json"), expert.model_dump(mode="json"), sha256(np.asarray(starts, float).tobytes())]

@@ -23,7 +23,7 @@ from agile_jax.dataset.dataset import read_manifest
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.shard import SCHEMA, BadShardError, ShardTask, decode, make_shard, settings_key, shard_count
 from agile_jax.dataset.summary import summarise
-from agile_jax.engine import Engine, TaskFailure
+from agile_jax.engine import Engine, TaskFailure, TasksFailedError
 from agile_jax.expert import ExpertSettings
 from agile_jax.expert.settings import check_scene
 from agile_jax.files import hash_json, sha256, sync_folder, write_atomic, write_json
@@ -48,7 +48,7 @@ OWN_FILES = {"manifest.json", "summary.json", "timing.json", "quarantine", "stag
 logger = logging.getLogger(__name__)
 
 
-class IncompleteDatasetError(RuntimeError):
+class IncompleteDatasetError(TasksFailedError):
     """Some shards could not be made; the others are kept. The text names them."""
 
 

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from agile_jax.engine import Engine, TaskFailure
+from agile_jax.engine import Engine, TaskFailure, TasksFailedError
 from agile_jax.files import hash_json, sha256, write_atomic
 from agile_jax.progress import Progress, silent
 
@@ -43,7 +43,7 @@ def complete_parts(
         The arrays of all parts, joined along their first axes, and the hash of key and parts.
 
     Raises:
-        RuntimeError: a task failed for good; the other parts are kept.
+        TasksFailedError: a task failed for good; the other parts are kept.
     """
     paths = [directory / f"part-{i:05d}.npz" for i in range(len(tasks))]
     found = {i: arrays for i, path in enumerate(paths) if (arrays := _load(path, key)) is not None}
@@ -62,7 +62,7 @@ def complete_parts(
                 found[i] = result
                 progress(len(found), len(tasks), f"{directory.name}: parts")
     if failures:
-        raise RuntimeError(f"{directory}: {'; '.join(sorted(failures))}; the other parts are kept")
+        raise TasksFailedError(f"{directory}: {'; '.join(sorted(failures))}; the other parts are kept")
     digest = hash_json([key, *(sha256(path.read_bytes()) for path in paths)])
     names = found[0] if found else {}
     return {name: np.concatenate([found[i][name] for i in range(len(tasks))]) for name in names}, digest

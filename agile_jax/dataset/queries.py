@@ -50,7 +50,7 @@ def ask(
     """Solve from each pose, shape (n, 4), with free initial velocity; what is in `directory` already is kept.
 
     Raises:
-        RuntimeError: a worker failed for good.
+        TasksFailedError: a worker failed for good.
     """
     question = [scene.model_dump(mode="json"), expert.model_dump(mode="json", exclude={"trajectories", "starts"})]
     key = hash_json([*question, sha256(np.asarray(poses, float).tobytes())])

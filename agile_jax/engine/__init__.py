@@ -8,6 +8,16 @@ they import loads JAX.
 
 from agile_jax.engine.dask_engine import DaskEngine
 from agile_jax.engine.opening import THREADS, check_engine, open_engine
-from agile_jax.engine.tasks import Engine, InlineEngine, TaskFailure, describe
+from agile_jax.engine.tasks import Engine, InlineEngine, TaskFailure, TasksFailedError, describe
 
-__all__ = ["THREADS", "DaskEngine", "Engine", "InlineEngine", "TaskFailure", "check_engine", "describe", "open_engine"]
+__all__ = [
+    "THREADS",
+    "DaskEngine",
+    "Engine",
+    "InlineEngine",
+    "TaskFailure",
+    "TasksFailedError",
+    "check_engine",
+    "describe",
+    "open_engine",
+]

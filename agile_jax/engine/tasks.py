@@ -11,6 +11,10 @@ class TaskFailure(NamedTuple):
     cause: str
 
 
+class TasksFailedError(RuntimeError):
+    """Some tasks failed for good; what the others made is kept. The text names them."""
+
+
 class Engine(Protocol):
     """Where tasks run."""
 

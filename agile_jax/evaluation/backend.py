@@ -14,7 +14,7 @@ from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
 from agile_jax.geometry import wrap_angle
-from agile_jax.policy import PolicySettings, load_parameters, make_policy
+from agile_jax.policy import Policy, PolicySettings, load_parameters, make_policy
 from agile_jax.policy.braking import braking_law
 from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene, planar_scene
@@ -64,18 +64,25 @@ class Backend(NamedTuple):
     query_seconds: Callable[[], float]  # median time of one query of the planner [s]
 
 
-def make_backend(inputs: Inputs, training_directory: pathlib.Path, slots: int, threads: int) -> Backend:
-    """Load the policy and build the closed loop on the physics that `inputs.evaluation.backend` names.
+def command_parameters(inputs: Inputs, training_directory: pathlib.Path) -> Any:
+    """The parameters of what the controller follows: those of the policy, from its checkpoints, or none."""
+    if inputs.evaluation.planner != "policy":
+        return ()
+    return load_parameters(training_directory, _policy(inputs, make_scene(inputs.scene)))
+
+
+def make_backend(inputs: Inputs, parameters: Any, slots: int, threads: int) -> Backend:
+    """Build the closed loop on the physics that `inputs.evaluation.backend` names.
 
     Args:
         inputs: settings.
-        training_directory: holds the policy's checkpoints.
+        parameters: from `command_parameters`.
         slots: episodes at once.
         threads: of the C physics.
     """
     scene = make_scene(inputs.scene)
     acceleration_limit = np.array(inputs.expert.acceleration)
-    command, parameters = _command(inputs, scene, training_directory)
+    command = _command(inputs, scene)
     robot = load_robot(inputs.robot)
     model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
     shapes = collision_shapes(model)
@@ -119,23 +126,25 @@ def check_devices(settings: EvaluationSettings) -> int:
     return settings.devices
 
 
-def _command(inputs: Inputs, scene: Scene, training_directory: pathlib.Path) -> tuple[Command, Any]:
-    """What the reference follows, and its parameters."""
-    kind = inputs.evaluation.planner
+def _policy(inputs: Inputs, scene: Scene) -> Policy:
+    return make_policy(scene, np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration), inputs.policy)
+
+
+def _command(inputs: Inputs, scene: Scene) -> Command:
+    """What the reference follows."""
+    if inputs.evaluation.planner == "policy":
+        return policy_command(_policy(inputs, scene).command)
+    if inputs.evaluation.planner != "straight":
+        return path_command
     limit, acceleration = np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration)
-    if kind == "policy":
-        policy = make_policy(scene, limit, acceleration, inputs.policy)
-        return policy_command(policy.command), load_parameters(training_directory, policy)
-    if kind == "straight":
-        rate = inputs.policy.approach_rate
+    rate = inputs.policy.approach_rate
 
-        def straight(_: Any, pose: jax.Array, velocity: jax.Array, dt: float) -> jax.Array:
-            error = pose + velocity * dt - jnp.asarray(scene.target, jnp.float32)
-            error = error.at[3].set(wrap_angle(error[3], jnp))
-            return braking_law(error, jnp.asarray(limit), jnp.asarray(acceleration), rate).velocity
+    def straight(_: Any, pose: jax.Array, velocity: jax.Array, dt: float) -> jax.Array:
+        error = pose + velocity * dt - jnp.asarray(scene.target, jnp.float32)
+        error = error.at[3].set(wrap_angle(error[3], jnp))
+        return braking_law(error, jnp.asarray(limit), jnp.asarray(acceleration), rate).velocity
 
-        return policy_command(straight), ()
-    return path_command, ()
+    return policy_command(straight)
 
 
 def _planner(inputs: Inputs, scene: Scene, slots: int) -> ExpertPlanner | None:

@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from agile_jax.evaluation.backend import Inputs, make_backend
+from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
 from agile_jax.evaluation.stage import time_limit
 from agile_jax.expert import check_start, make_expert
 from agile_jax.progress import silent
@@ -48,7 +48,7 @@ def rollout_one(
     solution = make_expert(scene, inputs.expert).solve(pose, initial_velocity="rest")
     expert_time = solution.duration if solution.status == "solved" else np.nan
     limits = time_limit(np.array([expert_time]))
-    backend = make_backend(inputs, run_directory / "training", 1, 1)
+    backend = make_backend(inputs, command_parameters(inputs, run_directory / "training"), 1, 1)
     recorder = Recorder(backend.slots, 1)
 
     def record(holds: np.ndarray) -> None:

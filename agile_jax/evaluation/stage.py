@@ -9,19 +9,21 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import Any
 
+import jax
 import numpy as np
 
 from agile_jax.dataset import expert_times
-from agile_jax.engine import Engine
-from agile_jax.evaluation.backend import Inputs, make_backend
+from agile_jax.engine import Engine, TaskFailure, TasksFailedError
+from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
 from agile_jax.evaluation.breakdown import distributions, outcomes_by_region
+from agile_jax.evaluation.episodes import PART_TIME_LIMIT_S, Part, simulate, simulate_part
 from agile_jax.evaluation.store import Columns, load_chunk, save_chunk, save_columns, save_traces
 from agile_jax.evaluation.summary import summarize
 from agile_jax.files import hash_json, write_json
-from agile_jax.progress import silent
+from agile_jax.progress import Progress, silent
 from agile_jax.robot import load_robot
 from agile_jax.scene import clearance, make_scene, sample_starts
-from agile_jax.simulation import SUCCESS, UNSTABLE, LastStates, Recorder, Rollout, stream
+from agile_jax.simulation import Recorder, Trace
 
 START_STREAM = 7_001  # sets the evaluation's random stream apart from those of dataset and training
 CHUNK = 64  # episodes a file
@@ -60,12 +62,15 @@ def evaluate(
     Args:
         inputs: settings, for example an Experiment.
         run_directory: holds `training/`.
-        engine: opens the work engine for the expert's times.
+        engine: opens the work engine for the expert's times, and for the episodes with `where` = "workers".
         threads: of the C physics.
         progress: called with (episodes ended, episodes, note).
 
     Returns:
         The summary, with the keys of the run directory's contract.
+
+    Raises:
+        TasksFailedError: a worker failed for good; what was simulated is kept.
     """
     name = inputs.evaluation.backend
     folder = run_directory / "evaluation"
@@ -81,8 +86,14 @@ def evaluate(
         save_chunk(chunks / "expert.npz", identity, expert)
     limits = time_limit(expert["expert_time"])
 
-    rows = _episodes(inputs, run_directory, identity, starts, limits, threads, progress)
-    columns = {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
+    stored = _Chunks(inputs, folder, identity, len(starts), progress)
+    if stored.missing():
+        parameters = command_parameters(inputs, run_directory / "training")
+        if inputs.evaluation.where == "workers":
+            _simulate_on_workers(inputs, stored, parameters, starts, limits, identity, engine)
+        else:
+            _simulate_here(inputs, stored, parameters, starts, limits, threads)
+    columns = stored.columns()
     seconds, device = float(columns.pop("wall").sum()), str(columns.pop("device")[-1])
     query_seconds = float(np.median(columns.pop("query_seconds")))
     columns |= {"start": starts, "time_limit": limits, **expert}
@@ -101,88 +112,113 @@ def evaluate(
     return summary
 
 
-def _episodes(
+class _Chunks:
+    """The rows of all episodes, in files of `CHUNK` that are written as they become complete."""
+
+    def __init__(self, inputs: Inputs, folder: pathlib.Path, identity: str, episodes: int, progress: Progress) -> None:
+        self._name, self._folder, self._identity = inputs.evaluation.backend, folder, identity
+        self._episodes, self._progress, self._begun = episodes, progress, time.perf_counter()
+        firsts = range(0, episodes, CHUNK)
+        self._paths = [folder / f"{self._name}-chunks" / f"episodes-{first:06d}.npz" for first in firsts]
+        loaded = enumerate(load_chunk(path, identity) for path in self._paths)
+        self._rows = {chunk: row for chunk, row in loaded if row is not None}
+        self._there = sum(len(self.members(chunk)) for chunk in self._rows)
+
+    def missing(self) -> list[int]:
+        """Numbers of the chunks that are not there yet."""
+        return [chunk for chunk in range(len(self._paths)) if chunk not in self._rows]
+
+    def members(self, chunk: int) -> np.ndarray:
+        """The episodes of a chunk."""
+        return np.arange(chunk * CHUNK, min((chunk + 1) * CHUNK, self._episodes))
+
+    def commit(self, chunk: int, columns: Columns, device: str, query_seconds: float, traces: list[Trace]) -> None:
+        """Write a chunk, and the traces if it has some."""
+        count, now = len(self.members(chunk)), time.perf_counter()
+        about = {"wall": (now - self._begun) / count, "device": device, "query_seconds": query_seconds}
+        self._begun = now
+        columns = columns | {key: np.full(count, value) for key, value in about.items()}
+        if traces:
+            save_traces(self._folder / f"{self._name}-traces.npz", traces)
+        save_chunk(self._paths[chunk], self._identity, columns)
+        self._rows[chunk] = columns
+
+    def keep_unstable(self, episode: int, trace: Trace) -> None:
+        """Write the last second of an episode, for `agile rollout --replay`."""
+        save_traces(self._folder / f"{self._name}-unstable" / f"episode-{episode:06d}.npz", [trace])
+
+    def report(self, done: int) -> None:
+        """Say how many of the episodes that were missing are done."""
+        self._progress(self._there + done, self._episodes, "episodes")
+
+    def columns(self) -> Columns:
+        """All rows."""
+        rows = [self._rows[chunk] for chunk in range(len(self._paths))]
+        return {key: np.concatenate([row[key] for row in rows]) for key in rows[0]}
+
+
+def _simulate_here(
+    inputs: Inputs, chunks: _Chunks, parameters: Any, starts: np.ndarray, limits: np.ndarray, threads: int
+) -> None:
+    """All missing episodes through one batch of slots."""
+    numbers = np.concatenate([chunks.members(chunk) for chunk in chunks.missing()])
+    traced = inputs.evaluation.traced if numbers[0] == 0 else 0
+    backend = make_backend(inputs, parameters, min(inputs.evaluation.batch, len(numbers)), threads)
+    incomplete: dict[int, dict[int, Columns]] = {}  # by chunk and episode
+    done = 0
+    recorder = Recorder(backend.slots, traced)
+    for ended in simulate(backend, inputs, starts[numbers], limits[numbers], recorder):
+        for position, row, trace in ended:
+            episode = int(numbers[position])
+            chunk = episode // CHUNK
+            if trace is not None:
+                chunks.keep_unstable(episode, trace)
+            rows = incomplete.setdefault(chunk, {})
+            rows[episode] = row
+            if len(rows) == len(chunks.members(chunk)):
+                columns = {key: np.concatenate([rows[i][key] for i in sorted(rows)]) for key in row}
+                traces = recorder.traces(make_scene(inputs.scene), backend.plan_dt) if chunk == 0 else []
+                chunks.commit(chunk, columns, backend.device, backend.query_seconds(), traces)
+                del incomplete[chunk]
+        done += len(ended)
+        chunks.report(done)
+
+
+def _simulate_on_workers(
     inputs: Inputs,
-    run_directory: pathlib.Path,
-    identity: str,
+    chunks: _Chunks,
+    parameters: Any,
     starts: np.ndarray,
     limits: np.ndarray,
-    threads: int,
-    progress: Callable[[int, int, str], None],
-) -> list[Columns]:
-    """The rows of all episodes, chunk by chunk: those committed before, and those that are missing."""
-    name = inputs.evaluation.backend
-    folder = run_directory / "evaluation"
-    paths = [folder / f"{name}-chunks" / f"episodes-{first:06d}.npz" for first in range(0, len(starts), CHUNK)]
-    rows = {chunk: row for chunk, path in enumerate(paths) if (row := load_chunk(path, identity)) is not None}
-    missing = [i for i in range(len(starts)) if i // CHUNK not in rows]
-    if not missing:
-        return [rows[chunk] for chunk in range(len(paths))]
-
-    backend = make_backend(inputs, run_directory / "training", min(inputs.evaluation.batch, len(missing)), threads)
-    recorder = Recorder(backend.slots, inputs.evaluation.traced if 0 not in rows else 0)
-    last = LastStates(backend.slots)
-
-    def watch(holds: np.ndarray) -> None:
-        recorder(holds)
-        last(holds)
-
-    open_chunks: dict[int, dict[int, Columns]] = {}  # by chunk and episode
-    done, begun = len(starts) - len(missing), time.perf_counter()
-    for indices, rollout in stream(backend.slots, backend.qpos(starts[missing]), limits[missing], watch):
-        for episode, row in zip(indices, _rows(rollout), strict=True):
-            i = missing[episode]
-            if row["outcome"][0] == UNSTABLE:
-                trace = last.trace(episode, float(row["end_time"][0]), make_scene(inputs.scene), backend.plan_dt)
-                save_traces(folder / f"{name}-unstable" / f"episode-{i:06d}.npz", [trace])
-            chunk = i // CHUNK
-            members = open_chunks.setdefault(chunk, {})
-            members[i] = row
-            if len(members) < min(CHUNK, len(starts) - chunk * CHUNK):
+    identity: str,
+    engine: Callable[[], AbstractContextManager[Engine]],
+) -> None:
+    """Each missing chunk in one of the engine's workers."""
+    missing = chunks.missing()
+    arrays = jax.tree.map(np.asarray, parameters)
+    parts = [
+        Part(identity, inputs, arrays, starts[members], limits[members], inputs.evaluation.traced if chunk == 0 else 0)
+        for chunk in missing
+        for members in [chunks.members(chunk)]
+    ]
+    failures = []
+    done = 0
+    with engine() as opened:
+        for position, result in opened.map(simulate_part, parts, time_limit_s=PART_TIME_LIMIT_S):
+            chunk = missing[position]
+            if isinstance(result, TaskFailure):
+                failures.append(f"episodes from {chunks.members(chunk)[0]}: {result.cause}")
                 continue
-            count, now = len(members), time.perf_counter()
-            columns = {key: np.concatenate([members[i][key] for i in sorted(members)]) for key in row}
-            columns |= {"wall": np.full(count, (now - begun) / count), "device": np.full(count, backend.device)}
-            columns |= {"query_seconds": np.full(count, backend.query_seconds())}
-            begun = now
-            if chunk == 0 and inputs.evaluation.traced:
-                save_traces(folder / f"{name}-traces.npz", recorder.traces(make_scene(inputs.scene), backend.plan_dt))
-            save_chunk(paths[chunk], identity, columns)
-            rows[chunk] = columns
-            del open_chunks[chunk]
-        done += len(indices)
-        progress(done, len(starts), "episodes")
-    return [rows[chunk] for chunk in range(len(paths))]
-
-
-def _rows(rollout: Rollout) -> list[Columns]:
-    """One row of columns of length 1 for each episode."""
-    columns = episode_columns(rollout)
-    return [{key: values[i : i + 1] for key, values in columns.items()} for i in range(len(rollout.plans))]
-
-
-def episode_columns(rollout: Rollout) -> Columns:
-    """One entry for each episode."""
-    outcome = rollout.outcome
-    steps = np.maximum(outcome.steps, 1)
-    success = np.asarray(outcome.status) == SUCCESS
-    columns = {
-        "outcome": np.asarray(outcome.status, np.int8),
-        "success": success,
-        "end_time": outcome.time,
-        "arrival_time": np.where(success, outcome.inside_since, np.nan),
-        "min_clearance": outcome.min_clearance,
-        "min_envelope_clearance": outcome.min_envelope_clearance,
-        "final_error": outcome.planar_error,
-        "velocity_tracking_rmse": np.sqrt(outcome.velocity_error_sum / steps),
-        "torque_saturation": outcome.saturated / (12 * steps),
-        "work": outcome.work,
-        "distance": outcome.distance,
-        "steps": outcome.steps,
-        **rollout.counts._asdict(),
-        "plans": rollout.plans,
-    }
-    return {name: np.asarray(values) for name, values in columns.items()}
+            for episode, trace in result.unstable.items():
+                chunks.keep_unstable(int(chunks.members(chunk)[episode]), trace)
+            chunks.commit(chunk, result.columns, result.device, result.query_seconds, result.traces)
+            done += len(chunks.members(chunk))
+            chunks.report(done)
+    if failures:
+        raise TasksFailedError(
+            f"{len(failures)} parts of the evaluation failed ({'; '.join(sorted(failures))}); "
+            "the others are kept, and the same command tries again"
+        )
 
 
 def evaluation_identity(inputs: Inputs, training_directory: pathlib.Path) -> str:

@@ -70,7 +70,7 @@ def train(
 
     Raises:
         BadInput: no label leads to the scene's target; and see `fit_policy`.
-        RuntimeError: a worker failed for good.
+        TasksFailedError: a worker failed for good.
     """
     dataset_settings = dataset_settings or DatasetSettings()
     closed_loop, dagger = closed_loop_settings or ClosedLoopSettings(), dagger_settings or DaggerSettings()

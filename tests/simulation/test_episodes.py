@@ -139,6 +139,15 @@ def test_the_last_states_of_an_unstable_episode_are_kept():
     assert not np.isfinite(trace.qpos[-1]).all()
 
 
+def test_a_robot_that_begins_below_the_floor_fails_and_its_neighbours_do_not(reference: Rollout):
+    """Its feet 10 cm deep: the contacts throw it out, whatever follows it is no success."""
+    starts = STARTS[[0, 2]].copy()
+    starts[0, 2] = 0.05
+    rollout, _ = run(starts, LIMITS[[0, 2]])
+    assert names(rollout)[0] in ("fall", "unstable", "timeout")
+    assert_same(Rollout(*_select(reference, np.array([2]))), Rollout(*_select(rollout, np.array([1]))))
+
+
 def test_results_do_not_depend_on_threads_or_slots(reference: Rollout):
     # More episodes than slots: each of the four appears three times, each time beside other neighbours.
     order = np.array([3, 0, 1, 2, 2, 1, 0, 3, 0, 2, 3, 1])

@@ -82,3 +82,20 @@ def test_importing_prints_nothing():
     )
     assert result.stdout == ""
     assert result.stderr == ""
+
+
+@pytest.mark.slow
+def test_mujoco_warp_steps_as_mjx(model, starts):
+    """On the processor, where MuJoCo Warp is installed."""
+    pytest.importorskip("warp", reason="needs mujoco-mjx[warp]")
+    ends = []
+    for implementation in ("jax", "warp"):
+        on_device = mjx_init(model, implementation, len(starts))
+        step = jax.jit(jax.vmap(lambda data, torque, on_device=on_device: mjx_step(on_device, data, torque)))
+        data = jax.vmap(lambda qpos, on_device=on_device: mjx_reset(on_device, qpos))(jnp.asarray(starts, jnp.float32))
+        for _ in range(100):
+            data, sensed = step(data, jnp.zeros((len(starts), 12)))
+        ends.append(sensed)
+    np.testing.assert_allclose(ends[0].qpos, ends[1].qpos, atol=1e-3)
+    np.testing.assert_array_equal(ends[0].obstacle_contact, ends[1].obstacle_contact)
+    np.testing.assert_array_equal(ends[0].foot_contact, ends[1].foot_contact)
