@@ -3,8 +3,8 @@
 All do the steps of stochastic gradient descent that a training does, on the same network with tanh, the same initial
 parameters, samples and order; only matrix products are counted. `products` are those of a step, one by one as
 jnp.matmul computes them in float32: the rate at which this machine multiplies matrices of these shapes through the
-same library. PyTorch runs in a process of its own. The methods take turns, and of each one's repetitions the fastest
-counts, so that what else the machine does hits all alike and least.
+same library. PyTorch runs in a process of its own. The methods take turns; rates are medians over the repetitions, and
+ratios medians of the ratios within each, because the speed of a shared machine changes from second to second.
 """
 
 import json
@@ -47,7 +47,7 @@ METHODS = {
 
 
 class Timing(NamedTuple):
-    """One repetition of one method, or the fastest of them."""
+    """One repetition of one method."""
 
     wall: float  # [s]
     cpu: float  # [s] of all threads
@@ -77,7 +77,7 @@ def benchmark_training(
     progress(0, repetitions, "compiling")
     workload, compiled = throughput.make_workload(experiment.policy, experiment.training, steps)
     products = throughput.make_products(workload)
-    fastest_product = {product.name: np.inf for product in products}
+    product_seconds: dict[str, list[float]] = {product.name: [] for product in products}
     flops = steps * throughput.step_flops(workload)
     methods = {"ours_float32": _timed(compiled("float32")), "ours_bfloat16": _timed(compiled("bfloat16"))}
 
@@ -86,26 +86,23 @@ def benchmark_training(
         for product in products:
             begun = time.perf_counter()
             product.run()
-            fastest_product[product.name] = min(fastest_product[product.name], time.perf_counter() - begun)
+            product_seconds[product.name].append(time.perf_counter() - begun)
         return Timing(time.perf_counter() - wall, time.process_time() - cpu, [])
 
     methods["products"] = all_products
     with _torch(workload) as peer:
         if peer is not None:
             methods |= {f"torch_{name}": partial(peer, name) for name in ("float32", "bfloat16", "products")}
-        best: dict[str, Timing] = {}
+        timings: dict[str, list[Timing]] = {name: [] for name in methods}
         for i in range(repetitions + 1):  # the first warms up
             for name, run in methods.items():
                 time.sleep(PAUSE)
                 found = run()
                 if i > 0:
-                    before = best.get(name, Timing(np.inf, np.inf, []))
-                    best[name] = Timing(min(found.wall, before.wall), min(found.cpu, before.cpu), found.losses)
+                    timings[name].append(found)
             progress(i, repetitions, "measuring: repetitions")
     work = dict.fromkeys(methods, flops) | {"products": sum(product.flops for product in products)}
     work["torch_products"] = 2.0 * workload.rows.shape[1] * max(kernel.size for kernel in workload.kernels)
-    # What the machine can do: each product at its fastest, whichever repetition that was.
-    rate = sum(product.flops for product in products) / sum(fastest_product.values())
     return {
         "benchmark": "training",
         "experiment": experiment.name,
@@ -120,9 +117,9 @@ def benchmark_training(
         },
         "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
         "software": {name: _version(name) for name in ("agile_jax", "jax", "jaxlib", "torch")},
-        "metrics": as_json(_metrics(best, work, rate)),
+        "metrics": as_json(_metrics(timings, work)),
         "products": {
-            product.name: product.flops / fastest_product[product.name] / 1e9 for product in products
+            product.name: product.flops / float(np.median(product_seconds[product.name])) / 1e9 for product in products
         },  # [GFLOP/s]
     }
 
@@ -182,50 +179,41 @@ def _version(name: str) -> str | None:
         return None
 
 
-def _metrics(best: dict[str, Timing], work: dict[str, float], rate: float) -> list[Metric]:
+def _metrics(timings: dict[str, list[Timing]], work: dict[str, float]) -> list[Metric]:
     """Rates of each method [GFLOP/s], and ours against the machine and the peer.
 
     Args:
-        best: the fastest of each method.
+        timings: of each method, by repetition.
         work: floating-point operations of one repetition of each method.
-        rate: of the products, each at its fastest [FLOP/s].
     """
+    walls = {name: work[name] / np.array([timing.wall for timing in found]) for name, found in timings.items()}
+    cpus = {name: work[name] / np.array([timing.cpu for timing in found]) for name, found in timings.items()}
+
+    def ratio(rates: dict[str, np.ndarray], name: str, other: str) -> float:
+        return float(np.median(rates[name] / rates[other]))
+
     found = []
-    for name, timing in best.items():
-        speed = rate if name == "products" else work[name] / timing.wall
+    for name in timings:
+        meaning = "over the processor time of all threads"
         found += [
-            Metric(f"{name}.rate", speed / 1e9, "GFLOP/s", "higher", "of the fastest repetition"),
-            Metric(
-                f"{name}.rate_per_core_second",
-                work[name] / timing.cpu / 1e9,
-                "GFLOP/s",
-                "higher",
-                "over the processor time of all threads, the least of the repetitions",
-            ),
+            Metric(f"{name}.rate", float(np.median(walls[name])) / 1e9, "GFLOP/s", "higher", "over wall time"),
+            Metric(f"{name}.rate_per_core_second", float(np.median(cpus[name])) / 1e9, "GFLOP/s", "higher", meaning),
         ]
-    ours = work["ours_float32"] / best["ours_float32"].wall
-    found.append(
-        Metric("ours_float32.of_products", ours / rate, "", "higher", "its rate over the products'", SHARE_TARGET)
-    )
-    cpu_share = work["ours_float32"] / best["ours_float32"].cpu * best["products"].cpu / work["products"]
-    found.append(
-        Metric("ours_float32.of_products_per_core_second", cpu_share, "", "higher", "the same over processor time")
-    )
-    bfloat16 = best["ours_float32"].wall / best["ours_bfloat16"].wall
-    found.append(Metric("ours_bfloat16.over_float32", bfloat16, "", "higher", "its rate over float32's"))
-    if "torch_float32" in best:
-        peer = best["torch_float32"]
-        differ = np.abs(np.divide(peer.losses, best["ours_float32"].losses) - 1).max()
-        ratio = peer.wall / best["ours_float32"].wall
+    share, cpu_share = (ratio(rates, "ours_float32", "products") for rates in (walls, cpus))
+    bfloat16 = ratio(walls, "ours_bfloat16", "ours_float32")
+    found += [
+        Metric("ours_float32.of_products", share, "", "higher", "its rate over the products'", SHARE_TARGET),
+        Metric("ours_float32.of_products_per_core_second", cpu_share, "", "higher", "the same over processor time"),
+        Metric("ours_bfloat16.over_float32", bfloat16, "", "higher", "its rate over float32's"),
+    ]
+    if "torch_float32" in timings:
+        theirs, ours = (np.array(timings[name][-1].losses) for name in ("torch_float32", "ours_float32"))
+        differ = np.abs(theirs / ours - 1).max()
+        float32, reduced = (ratio(walls, f"ours_{kind}", f"torch_{kind}") for kind in ("float32", "bfloat16"))
+        meaning = "its rate over PyTorch's"
         found += [
-            Metric("ours_float32.over_torch", ratio, "", "higher", "its rate over PyTorch's float32", PEER_TARGET),
-            Metric(
-                "ours_bfloat16.over_torch",
-                best["torch_bfloat16"].wall / best["ours_bfloat16"].wall,
-                "",
-                "higher",
-                "its rate over PyTorch's bfloat16",
-            ),
+            Metric("ours_float32.over_torch", float32, "", "higher", f"{meaning} float32", PEER_TARGET),
+            Metric("ours_bfloat16.over_torch", reduced, "", "higher", f"{meaning} bfloat16"),
             Metric("torch_float32.loss_difference", float(differ), "", "lower", "largest relative, of a step's loss"),
         ]
     return found

@@ -2,8 +2,8 @@
 
 A task that raises, whose worker dies again and again, or that exceeds its time limit again and again, becomes a
 `TaskFailure`; all others are finished. A worker that dies once costs nothing: it is replaced and its task runs again,
-so tasks must be idempotent. Workers are processes of one thread each; they hold no accelerator because nothing that
-they import loads JAX.
+so tasks must be idempotent. Workers are processes of one thread each; they hold no accelerator, because nothing that
+they import for the expert loads JAX (episodes do, evaluation/episodes.py).
 """
 
 from agile_jax.engine.dask_engine import DaskEngine
