@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 
-from agile_jax.benchmark import TABLE
+from agile_jax.benchmark.expert import TABLE
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import load_experiment
 from agile_jax.expert import ExpertSettings, compare_planners, make_expert

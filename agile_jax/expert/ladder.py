@@ -20,7 +20,7 @@ from agile_jax.scene import POSE_SIZE, Scene
 
 FEWEST_INTERVALS = 4  # in a phase around no edge
 NEARLY = 1e-3  # relative excess over the lower bound up to which the slowest axis' switches are where they are at it
-MOST_PROGRAMS = 24  # kept: each takes 10 to 20 MB, so that they bound the memory of a worker
+MOST_PROGRAMS = 12  # kept: each takes 10 to 20 MB, so that they bound the memory of a worker
 NOISES = 1000  # sets the disturbances of the rungs apart from those that are asked for
 SMOOTH = 10  # factor on the weight of the effort, from which a route with detours is approached
 HOPELESS = 1e-2  # relative; the step from the smoother problem to the label changes the objective by about 0.1 %
