@@ -27,6 +27,7 @@ REACH_DEPTH = 0.05  # below the floor's height, at most [m]
 # The robot stands where its reference hardly moves and its own motion is below these; once it stands, twice as much.
 REST_SPEED, REST_YAW_RATE = 0.15, 0.1  # of the body [m/s], of the reference [rad/s]
 REST_DISTANCE, REST_YAW = 0.03, 0.05  # between body and reference [m], [rad]
+REST_LEAN, REST_TWIST = 0.02, 0.05  # between body and feet [m], [rad]
 
 
 class ControllerState(NamedTuple):
@@ -71,6 +72,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     inertia = torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32))
     leg_length = robot.thigh_length + robot.calf_length
     knee_limit_height = folded_leg(robot) + foot_height
+    nominal = robot.hip_pos_base[:, :2] + np.stack([np.zeros(4), robot.abad_offset], -1)  # under the hips (4, 2) [m]
 
     def init(state: RobotState) -> ControllerState:
         R = quaternion_to_matrix(state.base_quat, jnp)
@@ -95,9 +97,8 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         feet_world = robot_state.base_pos + leg_forward_kinematics(robot, robot_state.joint_pos) @ body.R_world_base.T
 
         speed = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1)).max()
-        clock = gait.schedule(
-            gait_settings, state.gait, speed, at_rest(state, body, robot_state, reference), settings.plan_dt
-        )
+        rest = at_rest(state, body, robot_state, feet_world, reference)
+        clock = gait.schedule(gait_settings, state.gait, speed, rest, settings.plan_dt)
         footholds = plan_footholds(clock, robot_state, body, reference)
         error = jnp.stack([reference.pose[2] - robot_state.base_pos[2], -body.rpy[0], -body.rpy[1]])
         limit = jnp.array(settings.integral_limit)
@@ -126,17 +127,24 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             diagnostics=after_plan(state.diagnostics, solution, forces_world, qp.friction, qp.force_max),
         )
 
-    def at_rest(state: ControllerState, body: Body, robot_state: RobotState, reference: Reference) -> jax.Array:
-        """Whether nothing asks for a step: () bool."""
+    def at_rest(
+        state: ControllerState, body: Body, robot_state: RobotState, feet: jax.Array, reference: Reference
+    ) -> jax.Array:
+        """Whether nothing asks for a step, neither the reference nor how far the trunk has left its feet: () bool."""
         patience = jnp.where(state.gait.stand, 2.0, 1.0)
         speeds = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1))
         distance = jnp.sqrt(jnp.sum((reference.pose[:2] - robot_state.base_pos[:2]) ** 2))
         turn = jnp.abs(wrap_angle(reference.pose[3] - body.rpy[2], jnp))
+        shift = (feet - robot_state.base_pos)[:, :2] @ body.R_world_yaw[:2, :2] - nominal
+        lean = jnp.sqrt(jnp.sum(shift.mean(0) ** 2))
+        twist = jnp.abs(jnp.sum(nominal[:, 0] * shift[:, 1] - nominal[:, 1] * shift[:, 0])) / jnp.sum(nominal**2)
         return (
             (speeds.max() < patience * gait_settings.stand_speed)
             & (jnp.abs(reference.velocities[:, 3]).max() < patience * REST_YAW_RATE)
             & (distance < patience * REST_DISTANCE)
             & (turn < patience * REST_YAW)
+            & (lean < patience * REST_LEAN)
+            & (twist < patience * REST_TWIST)
             & (jnp.sqrt(jnp.sum(body.com_velocity_world[:2] ** 2)) < patience * REST_SPEED)
         )
 
@@ -145,7 +153,6 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
         yaw_rate = (body.R_world_base @ robot_state.base_ang_vel_base)[2]
         time_left = gait.time_to_touch_down(clock)  # (4,)
         velocity = body.com_velocity_world[:2]
-        nominal = robot.hip_pos_base[:, :2] + jnp.stack([jnp.zeros(4), robot.abad_offset], -1)
         rotation = rotation_2d(body.rpy[2] + yaw_rate * time_left, jnp)  # (4, 2, 2)
         hips = robot_state.base_pos[:2] + velocity * time_left[:, None] + jnp.einsum("lij,lj->li", rotation, nominal)
         planar = foothold(

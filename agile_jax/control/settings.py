@@ -27,7 +27,7 @@ class GaitSettings(Settings):
     slow_step_height: Positive = 0.05  # the same, stepping on the spot [m]
     full_speed: Positive = 0.5  # [m/s]
     # The knee's limit leaves (trunk height - 0.108 m) of lift in an A1; a step takes at most this share of it.
-    headroom_fraction: Annotated[float, Field(gt=0, le=1)] = 0.6
+    headroom_fraction: Annotated[float, Field(gt=0, le=1)] = 0.4
 
 
 class MpcSettings(Settings):

@@ -27,6 +27,9 @@ from agile_jax.robot import (
 FRICTION_BLEND = 0.3  # joint speed over which dry friction is compensated smoothly [rad/s]
 JACOBIAN_DAMPING = 0.02  # of the inverse near a stretched leg [m/rad]
 
+# Of the guard before the joints' limits: how far it looks ahead [s], where it begins [rad], stiffness over the swing's.
+GUARD_TIME, GUARD_MARGIN, GUARD_STIFFNESS = 0.01, 0.02, 5.0
+
 
 class SwingTarget(NamedTuple):
     """Paths of the four feet; those of standing feet are not used."""
@@ -104,6 +107,17 @@ def leg_inertia(robot: RobotModel, joint_pos: np.ndarray) -> np.ndarray:
     return np.stack([whole[3 * leg : 3 * leg + 3, 3 * leg : 3 * leg + 3] for leg in range(4)])
 
 
+def limit_guard(robot: RobotModel, joint_pos: jax.Array, joint_vel: jax.Array, stiffness: float) -> jax.Array:
+    """Torques that stop joints before their limits: a spring on where they will be shortly. Shape (12,) [Nm].
+
+    A leg that swings forward fast folds its knee by inertia, further than its path asks.
+    """
+    soon = joint_pos + GUARD_TIME * joint_vel
+    below = jnp.maximum(robot.joint_lower + GUARD_MARGIN - soon, 0.0)
+    above = jnp.maximum(soon - robot.joint_upper + GUARD_MARGIN, 0.0)
+    return GUARD_STIFFNESS * stiffness * (below - above)
+
+
 def whole_body_torque(
     robot: RobotModel,
     settings: ControlSettings,
@@ -130,6 +144,7 @@ def whole_body_torque(
     pd = settings.swing_stiffness * (target_pos - robot_state.joint_pos)
     pd += settings.swing_damping * (target_vel - robot_state.joint_vel)
     pd += jnp.einsum("lij,lj->li", inertia, target_acc.reshape(4, 3)).reshape(-1)
+    pd += limit_guard(robot, robot_state.joint_pos, robot_state.joint_vel, settings.swing_stiffness)
     torque = jnp.where(jnp.repeat(standing, 3), stance, pd)
     torque += gravity_torque(robot, robot_state.joint_pos, R_world_base)
     return torque + passive_torque(robot, robot_state.joint_vel)

@@ -8,7 +8,7 @@ import pytest
 from agile_jax.control import ControlSettings, Reference
 from agile_jax.control.body import measure, rotation_z
 from agile_jax.control.leg_limits import joint_rows, nominal_motion, torque_rows
-from agile_jax.control.torques import SwingTarget, whole_body_torque
+from agile_jax.control.torques import GUARD_MARGIN, GUARD_TIME, SwingTarget, limit_guard, whole_body_torque
 from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import RobotSettings, RobotState, leg_forward_kinematics, leg_inverse_kinematics, load_robot
 
@@ -57,6 +57,17 @@ def test_torque_rows_of_the_first_node_are_the_commanded_torques(seed: int):
     feed_forward = (rows.upper[0] + rows.lower[0]).reshape(-1) / 2
     np.testing.assert_allclose(feed_forward - images, torque, atol=2e-3)
     np.testing.assert_allclose((rows.upper - rows.lower)[0].reshape(-1), 2 * ROBOT.torque_limit, rtol=1e-5)
+
+
+def test_the_guard_pushes_joints_away_from_the_limits_that_they_near():
+    middle = (ROBOT.joint_lower + ROBOT.joint_upper) / 2
+    np.testing.assert_array_equal(limit_guard(ROBOT, jnp.asarray(middle), jnp.zeros(12), 60.0), 0.0)
+    beyond, fast = 0.01, 5.0
+    for side, limit in ((1.0, ROBOT.joint_lower), (-1.0, ROBOT.joint_upper)):
+        past = limit_guard(ROBOT, jnp.asarray(limit - side * beyond), jnp.zeros(12), 60.0)
+        near = limit_guard(ROBOT, jnp.asarray(limit + side * 0.05), jnp.full(12, -side * fast), 60.0)
+        np.testing.assert_allclose(past, side * 300.0 * (GUARD_MARGIN + beyond), rtol=1e-3)
+        np.testing.assert_allclose(near, side * 300.0 * (GUARD_MARGIN + GUARD_TIME * fast - 0.05), rtol=1e-3)
 
 
 def test_bounds_of_torque_always_contain_no_force():

@@ -56,6 +56,14 @@ def test_commands_are_met_and_standing_does_not_drift():
     assert (yaw[-1] - yaw[74]) / 1.5 == pytest.approx(0.8, abs=0.05)
 
 
+def test_a_robot_that_hardly_moves_steps_before_it_leans_off_its_feet():
+    velocity = np.array([[0.045, 0.0], [0.0, 0.045], [0.0, 0.0]])
+    columns = track(Command(velocity, np.array([0.0, 0.0, 0.15]), np.full(3, 0.17)), 7.0)
+    row = summary(columns)
+    assert row["met"] == 3
+    assert row["joint_violations"] == row["torque_violations"] == row["cone_violations"] == row["mpc_failures"] == 0
+
+
 def test_random_commands_do_not_depend_on_their_number():
     few, many = (random_commands(n, 3, (0.0, 1.2), 0.5, 1.0, 0.28) for n in (4, 9))
     np.testing.assert_array_equal(few.velocity, many.velocity[:4])
