@@ -17,6 +17,7 @@ from agile_jax.report import page
 from agile_jax.report.camera import film, join, snapshots
 from agile_jax.report.closed_loop_figures import draw_arrivals, draw_error_map, draw_worst_paths, read_closed_loop
 from agile_jax.report.episode_figures import draw_episode, draw_outcomes
+from agile_jax.report.evaluation_figures import draw_qualities, draw_success_map, read_qualities
 from agile_jax.report.learning_figures import (
     draw_learning_curve,
     draw_velocity_field,
@@ -186,11 +187,22 @@ def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str
         draw_outcomes(scene, outcomes, figures / f"outcomes_{backend}.png"),
         "Where the episodes started, and how they ended. Obstacles are brown, the target is the arrow.",
     )
+    robot = load_robot(inputs.robot)
+    map_of_success = draw_success_map(scene, outcomes, figures / f"success_{backend}.png")
+    if map_of_success is not None:
+        shown += page.picture(
+            map_of_success, "Starts by cell, with their number; where episodes failed, red, with how many of them did."
+        )
+    qualities = draw_qualities(
+        read_qualities(rows, float(robot.link_masses.sum())), figures / f"qualities_{backend}.png"
+    )
+    if qualities is not None:
+        shown += page.picture(qualities, "How the episodes went, as cumulative distributions.")
     traces = folder / f"{backend}-traces.npz"
     episode = choose_episode(scene, load_episodes(traces, outcomes)) if traces.is_file() else None
     if episode is None:
         return shown + page.paragraph("No episode was recorded."), "", None
-    limit = np.asarray(load_robot(inputs.robot).torque_limit)
+    limit = np.asarray(robot.torque_limit)
     path = draw_episode(scene, episode, limit, figures / f"episode_{backend}.png")
     shown += page.picture(
         path,

@@ -12,6 +12,7 @@ from agile_jax.expert import Trajectory
 from agile_jax.report import draw_plan
 from agile_jax.report.closed_loop_figures import draw_arrivals, draw_error_map, draw_worst_paths, read_closed_loop
 from agile_jax.report.episode_figures import draw_episode, draw_outcomes
+from agile_jax.report.evaluation_figures import draw_qualities, draw_success_map, read_qualities
 from agile_jax.report.learning_figures import (
     draw_learning_curve,
     draw_velocity_field,
@@ -70,6 +71,40 @@ def test_outcomes_are_counted_and_coloured(tmp_path, scene):
     bad = draw_outcomes(scene, Outcomes(start, np.ones(40, int)), tmp_path / "bad.png")
     assert_shows_something(good)
     assert count_pixels(bad, RED) > 10 * max(1, count_pixels(good, RED))
+
+
+def test_the_map_of_success_marks_the_cell_that_failed(tmp_path, scene):
+    x, y = np.meshgrid(np.linspace(0.01, 0.99, 21), np.linspace(-0.99, 0.99, 21))
+    start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.26), np.zeros(x.size)])
+    bad = (np.hypot(x - 0.6, y - 0.1) < 0.1).ravel().astype(int)
+    assert 0 < bad.sum() < 20
+    paths = [
+        draw_success_map(scene, Outcomes(start, outcome), tmp_path / f"{outcome.sum()}.png")
+        for outcome in (np.zeros_like(bad), bad)
+    ]
+    pictures = [np.asarray(Image.open(path).convert("RGB")).astype(int) for path in paths]
+    redder = (pictures[1][..., 0] - pictures[1][..., 2]) > (pictures[0][..., 0] - pictures[0][..., 2]) + 40
+    assert redder.sum() > 500
+    assert draw_success_map(scene, Outcomes(start[:10], bad[:10]), tmp_path / "few.png") is None
+
+
+def test_qualities_are_those_of_the_columns(tmp_path):
+    columns = {
+        "outcome": np.array([0, 0, 1]),
+        "arrival_time": np.array([2.0, 3.0, np.nan]),
+        "expert_time": np.array([2.5, 3.0, 3.0]),
+        "min_clearance": np.array([0.01, np.inf, -0.001]),
+        "work": np.array([981.0, 0.0, 5.0]),
+        "distance": np.array([2.0, 1.0, 0.0]),
+    }
+    np.savez(tmp_path / "some.npz", **columns)
+    found = {quality.label: quality.values for quality in read_qualities(tmp_path / "some.npz", 10.0)}
+    assert list(found) == ["arrival time over the expert's", "least clearance of the robot [mm]", "cost of transport"]
+    np.testing.assert_allclose(found["arrival time over the expert's"], [0.8, 1.0])
+    np.testing.assert_allclose(found["least clearance of the robot [mm]"], [-1.0, 10.0])
+    np.testing.assert_allclose(found["cost of transport"], [0.0, 5.0])
+    assert_shows_something(draw_qualities(read_qualities(tmp_path / "some.npz", 10.0), tmp_path / "some.png"))
+    assert draw_qualities([], tmp_path / "none.png") is None
 
 
 @pytest.mark.parametrize("clear", [True, False])
