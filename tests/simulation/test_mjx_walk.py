@@ -22,8 +22,8 @@ pytestmark = pytest.mark.slow
 ROBOTS, PLANS, SECONDS = 25, 60, 0.2
 CONTROL, ROBOT = ControlSettings(), RobotSettings()
 MODEL = build_mujoco_model(make_scene(SceneSettings()), ROBOT, CONTROL.control_dt)
-# With the model's own limit of ten iterations C leaves the stiction of a joint unsolved in one state in seventy, by up to
-# 0.02 rad/s after the step; MJX does not.
+# With the model's own limit of ten iterations C leaves the stiction of a joint unsolved in one state in seventy, by up
+# to 0.02 rad/s after the step; MJX does not.
 EXACT = copy.copy(MODEL)
 EXACT.opt.iterations, EXACT.opt.ls_iterations = 100, 50
 
