@@ -23,6 +23,7 @@ from agile_jax.expert.regions import (
     boxes_suffice,
     make_free_space,
     planning_margin,
+    regions_around,
 )
 from agile_jax.expert.relevant import along, first_met, first_obstacles, with_obstacles
 from agile_jax.expert.routes import Route, RouteSearch, waypoints
@@ -178,6 +179,8 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
         # The larger reserve is for what leaves its bounds between nodes, and makes square edges those of the fast path.
         for reserve in (ROUNDING_ERRORS, TIGHTENING) if rounded else (TIGHTENING,):
             space = make_free_space(scene, settings, start, not boxes, reserve)
+            if boxes and not regions_around(space, start):  # it is nearer to a margin than the room that yaw gets
+                space = make_free_space(scene, settings, start, True, reserve)
             search = RouteSearch(space, start, scene.target, settings, condition, rounded=rounded)
             routes = search.routes(most)
             causes.clear()

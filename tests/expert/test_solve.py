@@ -148,6 +148,14 @@ def test_start_diagonally_off_an_edge_is_solved(expert, scene, settings):
     assert solution.clearance_violation == 0
 
 
+@pytest.mark.parametrize("beside", [2e-6, 1e-4, 4e-4])
+def test_start_just_outside_the_margin_is_solved(expert, scene, settings, beside):
+    start = np.array([1.3, 0.5 + 0.155 + settings.clearance_margin + beside, 0.25, 0.0])
+    solution = expert.solve(start)
+    assert solution.status == "solved"
+    assert solution.min_clearance >= settings.clearance_margin
+
+
 def test_hopeless_start_fails_with_its_cause(expert, settings):
     solution = expert.solve([1.5, 0.0, 0.3, 0.0])
     assert solution.status == "failed"
