@@ -1,6 +1,6 @@
 """The MPC's quadratic program solved in two passes: friction cones first, the joints' limits where they matter.
 
-Most problems of a walk touch no limit of a joint, and 30 cheap iterations solve them (`force_admm`). Whatever then is
+Most problems of a walk touch no limit of a joint, and few cheap iterations solve them (`force_admm`). Whatever then is
 not converged, or breaks a limit, goes on in the general method (`limit_admm`) until it is. A problem that keeps limits
 it was not told of is solved, since it is the best of a larger set; so both passes answer the same question.
 
@@ -92,7 +92,7 @@ def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
 
     def solve_batch(qps: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
         """Both passes; the batch is the last axis. The iterates, and the iterations of the second pass."""
-        found = solve_cones(constants, qps, shape, *start, settings.iterations)
+        found = solve_cones(constants, qps, shape, *start, settings.iterations, tolerance)
         pending, difficulty = jax.vmap(left_to_do, -1)(qps, found)
         size = len(pending)
         group = min(size, max(SMALLEST_GROUP, size // GROUPS))

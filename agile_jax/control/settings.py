@@ -44,7 +44,7 @@ class MpcSettings(Settings):
     force_max: Positive = 200.0  # normal force of one foot [N]
     joint_margin: NonNegative = 0.01  # kept from the joints' position limits [rad]
     friction_cone: Literal["cone", "pyramid"] = "cone"  # the exact second-order cone, or the pyramid inside it
-    iterations: Count = 40  # of the solver's first pass
+    iterations: Count = 60  # at most, of the solver's first pass
     iterations_max: Count = 300  # of its second pass, which also knows the joints' limits
     tolerance: Positive = 0.003  # largest residual of a solved problem [N]
 
