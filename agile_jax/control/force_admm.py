@@ -26,7 +26,7 @@ from agile_jax.control.scaled_qp import Projection, ScaledQp, times
 PENALTY = 0.2  # rho; decides the speed of convergence, measured on problems of a walk
 OVER_RELAXATION = 1.8
 RIDGE = 1e-6  # of the acceleration's least squares, relative
-CHUNK = 10  # iterations between two looks at the residuals
+CHUNK = 5  # iterations between two looks at the residuals
 
 
 class Iterate(NamedTuple):
