@@ -172,8 +172,10 @@ def test_no_workers_is_refused():
         pass
 
 
+# Processes that a shell has put into the background ignore SIGINT, and so would the driver.
 SCRIPT = """
-import os, sys, time
+import os, signal, sys, time
+signal.signal(signal.SIGINT, signal.default_int_handler)
 from agile_jax.engine import open_engine
 
 def slow(i):
