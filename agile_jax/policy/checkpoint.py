@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 
 import jax
 import orbax.checkpoint as ocp
+from jax.experimental import multihost_utils
 
 from agile_jax.files import hash_json, sha256, sync_folder, write_json
 from agile_jax.policy.field import Policy
@@ -48,7 +49,9 @@ def save_checkpoint(folder: pathlib.Path, checkpoint: Checkpoint, identity: dict
         OSError: the disk is full or cannot be written; the steps before are whole.
     """
     path = folder / str(checkpoint.step)
-    _remove_unfinished(folder)
+    first = jax.process_index() == 0  # of several hosts, which share the folder, one writes what Orbax does not
+    if first:
+        _remove_unfinished(folder)
     try:
         with _manager(folder, keep) as manager:
             manager.save(
@@ -60,8 +63,11 @@ def save_checkpoint(folder: pathlib.Path, checkpoint: Checkpoint, identity: dict
                 ),
             )
             manager.wait_until_finished()
-        content = {"files": _hashes(path), "identity": identity, "shapes": _shapes(checkpoint.policy)}
-        write_json(path / INTEGRITY, content | {"sha256": hash_json(content)})
+        if first:
+            content = {"files": _hashes(path), "identity": identity, "shapes": _shapes(checkpoint.policy)}
+            write_json(path / INTEGRITY, content | {"sha256": hash_json(content)})
+        if jax.process_count() > 1:
+            multihost_utils.sync_global_devices(f"checkpoint {checkpoint.step}")
     except ValueError as error:  # Orbax's word for a failed write: a page of text with the system's error code in it
         code = re.search(r"os_error_code='(\d+)'", str(error))
         if code is None:
