@@ -1,8 +1,9 @@
-"""The MPC's quadratic program solved in two passes: friction cones first, the joints' limits where they matter.
+"""The MPC's quadratic program solved in three passes: friction cones, the joints' limits where they matter, the rest.
 
 Most problems of a walk touch no limit of a joint, and few cheap iterations solve them (`force_admm`). Whatever then is
-not converged, or breaks a limit, goes on in the general method (`limit_admm`) until it is. A problem that keeps limits
-it was not told of is solved, since it is the best of a larger set; so both passes answer the same question.
+not converged, or breaks a limit, goes on in the general method (`limit_admm`), and what that leaves in Newton's
+(`limit_newton`), of which a step costs twenty iterations but few are enough. A problem that keeps limits it was not
+told of is solved, since it is the best of a larger set; so all passes answer the same question.
 
 A batch runs its first pass together. The rest is gathered into groups of fixed size, one after the other, so that a
 hard problem waits for few others, and an easy one for none. What a problem does in its group does not depend on who
@@ -18,6 +19,8 @@ import jax.numpy as jnp
 
 from agile_jax.control.force_admm import Iterate, solve_cones
 from agile_jax.control.limit_admm import solve_limits
+from agile_jax.control.limit_newton import solve_newton
+from agile_jax.control.limit_system import Prices
 from agile_jax.control.mpc import MpcConstants, Qp
 from agile_jax.control.projection import PROJECTIONS, shrink_into
 from agile_jax.control.scaled_qp import FORCE_UNIT, ScaledQp, scale
@@ -28,8 +31,8 @@ STATUS_NAMES = ("solved", "infeasible", "unconverged", "not finite")
 JOINT_TOLERANCE = 1e-3  # by which a solved problem may break a row of joint positions [rad]
 JOINT_RESIDUAL = 1e-4  # at which these rows count as converged [rad]; with 1e-3 a force is up to 0.15 N off
 BLOCK = 64  # problems that a CPU solves at once
-GROUPS = 4  # a group of the second pass holds this part of a batch
-SMALLEST_GROUP = 16
+GROUPS = 4, 16  # a group of the second and of the third pass holds this part of a batch
+SMALLEST_GROUP = 16, 4
 
 
 class WarmStart(NamedTuple):
@@ -51,8 +54,16 @@ class QpSolution(NamedTuple):
     primal_residual: jax.Array  # () largest violation of a splitting [N]
     dual_residual: jax.Array  # () largest change in an iteration [N]
     joint_violation: jax.Array  # () largest of the rows of joint positions [rad]
-    iterations: jax.Array  # () int32, of the second pass
+    iterations: jax.Array  # () int32, of the second pass, plus steps of the third
     warm_start: WarmStart
+
+
+class Found(NamedTuple):
+    """What is known of a batch of problems, scaled."""
+
+    iterate: Iterate
+    prices: Prices
+    iterations: jax.Array  # (batch,) int32, of the second pass, plus steps of the third
 
 
 Solver = Callable[[Qp, WarmStart], QpSolution]
@@ -81,38 +92,35 @@ def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
     tolerance = settings.tolerance / FORCE_UNIT
     shape = PROJECTIONS[settings.friction_cone]
 
-    def left_to_do(qp: ScaledQp, found: Iterate) -> tuple[jax.Array, jax.Array]:
-        """Whether a problem needs the second pass, and a number that grows with how long it will take."""
+    def left_to_do(qp: ScaledQp, found: Iterate) -> jax.Array:
+        """How far a problem is from solved after the first pass, 0 where it is."""
         over = violation(qp.torques(found.forces), qp.torque.lower, qp.torque.upper)
         residual = jnp.maximum(jnp.maximum(found.primal, found.dual), over)
         broken = joint_violation(constants, qp, found.forces)
-        difficulty = jnp.maximum(residual, broken)
         solved = (residual <= tolerance) & (broken <= JOINT_RESIDUAL)
-        return ~solved & jnp.isfinite(difficulty), difficulty
+        return jnp.where(solved, 0.0, jnp.maximum(residual, broken))
+
+    def second(qps: ScaledQp, found: Found) -> Found:
+        limits = solve_limits(
+            constants, qps, shape, found.iterate, settings.iterations_limits, tolerance, JOINT_RESIDUAL
+        )
+        return Found(*limits)
+
+    def third(qps: ScaledQp, found: Found) -> Found:
+        iterate, steps = solve_newton(
+            constants, qps, shape, found.iterate, found.prices, settings.newton_steps, tolerance, JOINT_RESIDUAL
+        )
+        return Found(iterate, found.prices, found.iterations + steps)
 
     def solve_batch(qps: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
-        """Both passes; the batch is the last axis. The iterates, and the iterations of the second pass."""
-        found = solve_cones(constants, qps, shape, *start, settings.iterations, tolerance)
-        pending, difficulty = jax.vmap(left_to_do, -1)(qps, found)
-        size = len(pending)
-        group = min(size, max(SMALLEST_GROUP, size // GROUPS))
-
-        def one_group(
-            carry: tuple[tuple[Iterate, jax.Array], jax.Array],
-        ) -> tuple[tuple[Iterate, jax.Array], jax.Array]:
-            (found, done), pending = carry
-            # Alike problems together: each waits for the slowest. Solved ones that fill a group stay as they are.
-            index = jnp.argsort(jnp.where(pending, -difficulty, jnp.inf))[:group]
-            members, begun = jax.tree.map(lambda values: values[..., index], (qps, found))
-            new = solve_limits(constants, members, shape, begun, settings.iterations_max, tolerance, JOINT_RESIDUAL)
-
-            def put(values: jax.Array, new: jax.Array) -> jax.Array:
-                return values.at[..., index].set(jnp.where(pending[index], new, values[..., index]))
-
-            return jax.tree.map(put, (found, done), new), pending.at[index].set(False)
-
-        begun = (found, jnp.zeros(size, jnp.int32)), pending
-        return jax.lax.while_loop(lambda carry: carry[1].any(), one_group, begun)[0]
+        """All passes; the batch is the last axis. The iterates, and the iterations after the first pass."""
+        iterate = solve_cones(constants, qps, shape, *start, settings.iterations, tolerance)
+        no_prices = Prices(0 * iterate.price, 0 * iterate.price, jnp.zeros_like(qps.joint.lower))
+        found = Found(iterate, no_prices, jnp.zeros(iterate.primal.shape, jnp.int32))
+        found = in_groups(second, 0, qps, found, jax.vmap(left_to_do, -1)(qps, iterate))
+        residual = jnp.maximum(found.iterate.primal, found.iterate.dual)
+        found = in_groups(third, 1, qps, found, jnp.where(residual > tolerance, residual, 0.0))
+        return found.iterate, found.iterations
 
     @jax.custom_batching.custom_vmap
     def solve_one(qp: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
@@ -149,6 +157,34 @@ def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
         )
 
     return solve
+
+
+def in_groups(
+    solve: Callable[[ScaledQp, Found], Found], which: int, qps: ScaledQp, found: Found, left: jax.Array
+) -> Found:
+    """Go on with those problems of a batch that have something left, alike ones together: each waits for the slowest.
+
+    Args:
+        solve: goes on with a group.
+        which: 0 for the second pass, 1 for the third.
+        qps, found: the batch.
+        left: how far each is from solved, 0 where it is, shape (batch,).
+    """
+    size = len(left)
+    group = min(size, max(SMALLEST_GROUP[which], size // GROUPS[which]))
+
+    def one_group(carry: tuple[Found, jax.Array]) -> tuple[Found, jax.Array]:
+        found, pending = carry
+        # Solved problems that fill a group stay as they are.
+        index = jnp.argsort(jnp.where(pending, -left, jnp.inf))[:group]
+        members, begun = jax.tree.map(lambda values: values[..., index], (qps, found))
+
+        def put(values: jax.Array, new: jax.Array) -> jax.Array:
+            return values.at[..., index].set(jnp.where(pending[index], new, values[..., index]))
+
+        return jax.tree.map(put, found, solve(members, begun)), pending.at[index].set(False)
+
+    return jax.lax.while_loop(lambda carry: carry[1].any(), one_group, (found, (left > 0) & jnp.isfinite(left)))[0]
 
 
 def in_blocks(solve: Callable[..., Any], *batch: Any) -> Any:

@@ -3,32 +3,25 @@
     minimise    1/2 y' H y + h' y + w/2 |g|^2        y = B g
     subject to  g in the friction cones,  A g in the box of torques,  K y in the box of joint positions
 
-Three splittings, g = z, A g = t, K y = s, with penalties rho, rho_t, rho_s and scaled duals u, v, q. Torques belong to
-one foot and positions to the wrench, so the structure of the first pass stays:
-
-    D = (w + rho) 1 + rho_t A' A              3 x 3 for each foot
-    H' = H + rho_s K' K = L L'                6N x 6N
-    (D + B' H' B)^-1 = D^-1 - D^-1 B' P B D^-1,    P = (H'^-1 + S)^-1 = L (1 + L' S L)^-1 L',    S = B D^-1 B'
-
-Two factorisations of 6N x 6N make P; then an iteration is a Newton step on the augmented Lagrangian, which is
-quadratic in g: dg = -(D + B' H' B)^-1 r. That r is the gradient at the present g, not a right-hand side of offsets,
-keeps rounding errors out of the fixed point: float32 then gives 1e-3 N where the direct form gave 0.1 N.
+Three splittings, g = z, A g = t, K y = s, with penalties rho, rho_t, rho_s and scaled duals u, v, q. The augmented
+Lagrangian is quadratic in g, so an iteration is one Newton step (`limit_system`) with D = (w + rho) 1 + rho_t A' A and
+W = rho_s 1, factorised once.
 
 Joint positions are limited by an exact penalty, c |K y - box|_1 (Nocedal and Wright 2006, section 17.2): as long as
 their multipliers stay below c the limits are hard, and where no force can keep them the solution is the one that
 violates them least, instead of none. Its proximal operator only bounds the duals: |rho_s q| <= c.
 """
 
-from functools import partial, reduce
+from functools import partial
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 
 from agile_jax.control.force_admm import Iterate
-from agile_jax.control.leg_limits import inverse_3x3
+from agile_jax.control.limit_system import Prices, factorise, inverse, lagrangian_gradient, largest, newton_step
 from agile_jax.control.mpc import MpcConstants
-from agile_jax.control.scaled_qp import Projection, ScaledQp, multiply_3x3, times
+from agile_jax.control.scaled_qp import Projection, ScaledQp, times
 
 # Penalties and over-relaxation, measured on problems with active torque and joint limits.
 PENALTY = 0.3  # rho
@@ -54,28 +47,19 @@ class State(NamedTuple):
     q: jax.Array  # (N, 12)
 
 
-class Factors(NamedTuple):
+class Inverses(NamedTuple):
     """What all iterations share."""
 
-    P: jax.Array  # (batch, 6N, 6N)
+    P: jax.Array  # (batch, 6N, 6N) of `limit_system`
     foot: jax.Array  # (N, 4, 3, 3, batch) D^-1
 
 
-def factorise(constants: MpcConstants, qp: ScaledQp) -> tuple[jax.Array, jax.Array]:
-    """`Factors` of one problem."""
-    nodes = len(qp.linear)
+def invert(constants: MpcConstants, qp: ScaledQp) -> tuple[jax.Array, jax.Array]:
+    """`Inverses` of one problem."""
     rows = qp.torque.map
-    foot = inverse_3x3((qp.force_weight + PENALTY) * jnp.eye(3) + TORQUE_PENALTY * jnp.swapaxes(rows, -1, -2) @ rows)
-    wrench_foot = jnp.stack([multiply_3x3(foot, qp.force_map[:, axis]) for axis in range(6)], 1)  # B D^-1
-    S = jnp.einsum("kif,kjf->kij", wrench_foot.reshape(nodes, 6, 12), qp.force_map.reshape(nodes, 6, 12))
-    weights = JOINT_PENALTY * jnp.einsum("kia,kib->kab", qp.joint.map, qp.joint.map)  # (N, 6, 6)
-    pairs = jnp.einsum("ki,kj->kij", constants.response, constants.response).reshape(nodes, nodes**2)
-    joint = (pairs.T @ weights.reshape(nodes, 36)).reshape(nodes, nodes, 6, 6).transpose(0, 2, 1, 3)
-    L = jax.lax.linalg.cholesky(constants.hessian + joint.reshape(6 * nodes, 6 * nodes), symmetrize_input=False)
-    SL = (S @ L.reshape(nodes, 6, 6 * nodes)).reshape(6 * nodes, 6 * nodes)
-    R = jax.lax.linalg.cholesky(L.T @ SL + jnp.eye(6 * nodes), symmetrize_input=False)
-    X = jax.lax.linalg.triangular_solve(R, L.T, left_side=True, lower=True)
-    return X.T @ X, foot
+    foot = (qp.force_weight + PENALTY) * jnp.eye(3) + TORQUE_PENALTY * jnp.swapaxes(rows, -1, -2) @ rows
+    factors = factorise(constants, qp, foot, jnp.full(qp.joint.lower.shape, JOINT_PENALTY))
+    return inverse(factors), factors.foot
 
 
 def begin(constants: MpcConstants, qp: ScaledQp, forces: jax.Array, price: jax.Array) -> State:
@@ -86,15 +70,15 @@ def begin(constants: MpcConstants, qp: ScaledQp, forces: jax.Array, price: jax.A
     return State(forces, wrench, torques, joints, forces, price / PENALTY, t, 0 * t, s, 0 * s)
 
 
-def iterate(constants: MpcConstants, qp: ScaledQp, factors: Factors, shape: Projection, state: State) -> State:
+def iterate(constants: MpcConstants, qp: ScaledQp, inverses: Inverses, shape: Projection, state: State) -> State:
     """One iteration of a batch."""
-    joint_rest = JOINT_PENALTY * (state.joints - state.s + state.q)
-    multiplier = qp.gradient(constants, state.wrench) + qp.joints_transposed(constants, joint_rest)
-    torque_rest = TORQUE_PENALTY * (state.torques - state.t + state.v)
-    residual = qp.force_weight * state.g + qp.wrench_transposed(multiplier) + PENALTY * (state.g - state.z + state.u)
-    residual += qp.torques_transposed(torque_rest)
-    rise = times(factors.P, qp.wrench(multiply_3x3(factors.foot, residual)))
-    g = state.g + multiply_3x3(factors.foot, qp.wrench_transposed(rise) - residual)
+    prices = Prices(
+        PENALTY * (state.g - state.z + state.u),
+        TORQUE_PENALTY * (state.torques - state.t + state.v),
+        JOINT_PENALTY * (state.joints - state.s + state.q),
+    )
+    gradient = lagrangian_gradient(constants, qp, state.g, state.wrench, prices)
+    g = state.g + newton_step(qp, inverses.foot, partial(times, inverses.P), gradient)
 
     wrench = qp.wrench(g)
     torques, joints = qp.torques(g), qp.joints(constants, wrench)
@@ -122,7 +106,7 @@ def solve_limits(
     iterations: int,
     tolerance: float,
     joint_tolerance: float,
-) -> tuple[Iterate, jax.Array]:
+) -> tuple[Iterate, Prices, jax.Array]:
     """Iterate on a batch of problems, whose axis is the last one of every array, until all are solved.
 
     A problem that is solved stays as it is while others go on.
@@ -137,9 +121,9 @@ def solve_limits(
         joint_tolerance: of positions [rad].
 
     Returns:
-        The last iterates, and the numbers of iterations (batch,), int32.
+        The last iterates, the prices of cones and limits, and the numbers of iterations (batch,), int32.
     """
-    factors = Factors(*jax.vmap(factorise, (None, -1), (0, -1))(constants, qps))
+    inverses = Inverses(*jax.vmap(invert, (None, -1), (0, -1))(constants, qps))
 
     class Loop(NamedTuple):
         state: State
@@ -149,10 +133,10 @@ def solve_limits(
 
     def chunk(loop: Loop) -> Loop:
         def step(state: State, _: None) -> tuple[State, None]:
-            return iterate(constants, qps, factors, shape, state), None
+            return iterate(constants, qps, inverses, shape, state), None
 
         before, _ = jax.lax.scan(step, loop.state, None, length=CHUNK - 1)
-        state = iterate(constants, qps, factors, shape, before)
+        state = iterate(constants, qps, inverses, shape, before)
         following = Loop(state, *residuals(before, state, tolerance / joint_tolerance), loop.done + CHUNK)
         return jax.tree.map(partial(jnp.where, unfinished(loop)), following, loop)
 
@@ -165,14 +149,11 @@ def solve_limits(
     end = jax.lax.while_loop(
         lambda loop: unfinished(loop).any(), chunk, Loop(state, unknown, unknown, jnp.zeros(unknown.shape, jnp.int32))
     )
-    return Iterate(end.state.z, PENALTY * end.state.u, end.primal, end.dual), end.done
+    z, u, v, q = end.state.z, end.state.u, end.state.v, end.state.q
+    prices = Prices(PENALTY * u, TORQUE_PENALTY * v, JOINT_PENALTY * q)
+    return Iterate(z, prices.cone, end.primal, end.dual), prices, end.done
 
 
 def relax(new: jax.Array, old: jax.Array) -> jax.Array:
     """Over-relaxation."""
     return OVER_RELAXATION * new + (1 - OVER_RELAXATION) * old
-
-
-def largest(*residuals: jax.Array) -> jax.Array:
-    """Largest absolute entry of each problem."""
-    return reduce(jnp.maximum, (jnp.abs(part).max(tuple(range(part.ndim - 1))) for part in residuals))

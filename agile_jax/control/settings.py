@@ -45,7 +45,8 @@ class MpcSettings(Settings):
     joint_margin: NonNegative = 0.01  # kept from the joints' position limits [rad]
     friction_cone: Literal["cone", "pyramid"] = "cone"  # the exact second-order cone, or the pyramid inside it
     iterations: Count = 60  # at most, of the solver's first pass
-    iterations_max: Count = 300  # of its second pass, which also knows the joints' limits
+    iterations_limits: Count = 70  # at most, of its second pass, which also knows the joints' limits
+    newton_steps: Count = 40  # at most, of its third pass, for what these leave
     tolerance: Positive = 0.003  # largest residual of a solved problem [N]
 
 

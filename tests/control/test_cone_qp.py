@@ -36,11 +36,9 @@ ACCURATE = 0.1  # [N]
 
 
 @lru_cache
-def compiled(
-    cone: str = "cone", iterations_max: int = SETTINGS.iterations_max, tolerance: float = SETTINGS.tolerance
-) -> Any:
-    changes = {"friction_cone": cone, "iterations_max": iterations_max, "tolerance": tolerance}
-    settings = SETTINGS.model_copy(update=changes)
+def compiled(cone: str = "cone", iterations_limits: int = SETTINGS.iterations_limits, **changes: float) -> Any:
+    changed = {"friction_cone": cone, "iterations_limits": iterations_limits, **changes}
+    settings = SETTINGS.model_copy(update=changed)
     solve = make_solver(CONSTANTS, settings)
     return jax.jit(jax.vmap(lambda qp: solve(qp, cold_start(NODES))))
 
@@ -126,12 +124,14 @@ def backward_problem(seed: int) -> tuple[Qp, np.ndarray]:
     return jax.tree.map(lambda values: jnp.asarray(values, jnp.float32), Qp(*arrays)), forces.reshape(NODES, 12)
 
 
-def test_finds_solutions_that_are_known_beforehand():
+@pytest.mark.parametrize("iterations_limits", [3000, SETTINGS.iterations_limits])
+def test_finds_solutions_that_are_known_beforehand(iterations_limits: int):  # by ADMM, and by Newton's method
     made = [backward_problem(seed) for seed in range(16)]
     qp = jax.tree.map(lambda *leaves: jnp.stack(leaves), *(part for part, _ in made))
     expected = np.stack([forces for _, forces in made])
-    solution = compiled(iterations_max=3000, tolerance=1e-3)(qp)
+    solution = compiled(iterations_limits=iterations_limits, tolerance=1e-3)(qp)
     np.testing.assert_array_equal(solution.status, SOLVED)
+    assert (np.array(solution.iterations) < (3000 if iterations_limits == 3000 else 100)).all()
     np.testing.assert_allclose(np.array(solution.forces), expected, atol=ACCURATE)
     # They were worth solving: every kind of constraint is active somewhere.
     feet = expected.reshape(16, NODES, 4, 3)
@@ -146,7 +146,7 @@ def test_agrees_with_independent_solvers_on_a_walk(problems: Qp):
         solution = compiled(cone)(problems)
         agree(solution, solve_exactly(problems, cone == "pyramid"))
         check_constraints(problems, solution, cone == "pyramid")
-        assert (np.array(solution.iterations) == 0).any()  # both passes were needed
+        assert (np.array(solution.iterations) == 0).any()  # more than one pass was needed
         assert (np.array(solution.iterations) > 0).any()
 
 
@@ -156,7 +156,7 @@ def test_agrees_with_independent_solvers_on_a_thousand_problems(cone: str):
     from agile_jax.benchmark.mpc_problems import record_problems
     from agile_jax.control import ControlSettings
 
-    for qp, share in zip(record_problems(ControlSettings(), 1000), (1.0, 0.995), strict=True):
+    for qp, share in zip(record_problems(ControlSettings(), 1000), (1.0, 0.999), strict=True):
         batch = jax.tree.map(jnp.asarray, qp)
         solution = compiled(cone)(batch)
         check_constraints(batch, solution, cone == "pyramid")
@@ -215,7 +215,7 @@ def test_each_constraint_is_kept_where_it_binds(recorded: Any, constraint: str):
     # Without the bound the optimum breaks it.
     free = slack(tight, solve_exactly(loose, pyramid=False), constraint)
     assert (free[binding] < -1e-3).mean() > 0.7
-    solution = compiled(iterations_max=3000, tolerance=1e-3)(tight)  # tighter than any walk
+    solution = compiled(iterations_limits=3000, tolerance=1e-3)(tight)  # tighter than any walk
     agree(solution, expected)
     check_constraints(tight, solution)
     assert (
@@ -241,7 +241,7 @@ def test_an_infeasible_problem_is_reported_and_its_neighbours_solved(recorded: A
 
 def test_too_few_iterations_are_reported(recorded: Any):
     hard = jax.tree.map(jnp.asarray, recorded.hard)
-    solution = compiled(iterations_max=10)(hard)
+    solution = compiled(iterations_limits=10, newton_steps=1)(hard)
     assert (solution.status == UNCONVERGED).any()
     check_constraints(hard, solution)
     residual = np.maximum(solution.primal_residual, solution.dual_residual)
@@ -263,13 +263,14 @@ def test_numbers_that_are_none_end_and_stay_where_they_are(recorded: Any):
 def test_a_problem_alone_and_in_any_batch_has_one_solution(problems: Qp):
     together = compiled()(problems)
     turned = compiled()(jax.tree.map(lambda values: values[::-1], problems))
-    np.testing.assert_allclose(turned.forces[::-1], together.forces, atol=2e-3)
+    # Other shapes are rounded differently, which moves where the iterations stop by less than their tolerance.
+    np.testing.assert_allclose(turned.forces[::-1], together.forces, atol=SETTINGS.tolerance)
     np.testing.assert_array_equal(turned.iterations[::-1], together.iterations)
     solve = make_solver(CONSTANTS, SETTINGS)
     alone = jax.jit(lambda qp: solve(qp, cold_start(NODES)))
     for i in (0, 20, 31):
         one = alone(jax.tree.map(lambda values, i=i: values[i], problems))
-        np.testing.assert_allclose(one.forces, together.forces[i], atol=2e-3)
+        np.testing.assert_allclose(one.forces, together.forces[i], atol=SETTINGS.tolerance)
 
 
 def test_blocks_are_put_together_in_order():
