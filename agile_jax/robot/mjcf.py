@@ -68,7 +68,6 @@ def _rebuild(source: mujoco.MjModel, settings: RobotSettings) -> mujoco.MjSpec:
     spec.compiler.degree = False
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
-    spec.option.iterations, spec.option.ls_iterations = 10, 10
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
     origin = np.mean([data.xanchor[leg.joints[0]] for leg in legs], 0)

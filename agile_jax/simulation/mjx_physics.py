@@ -1,7 +1,9 @@
 """The physics in MJX, compiled by JAX: pure functions of one robot; vmap them.
 
-MJX is 32 bit here. Its own implementation ("jax") looks at every possible contact; otherwise it computes what MuJoCo C
-computes. The other one ("warp") is MuJoCo Warp, for NVIDIA GPUs.
+MJX is 32 bit here, and its contact solver stops after `ITERATIONS`: with these its steps agree with those of C at C's
+own hundred (tests/simulation/test_mjx_walk.py), and in a batch all robots wait for the slowest. Its own implementation
+("jax") looks at every possible contact; otherwise it computes what MuJoCo C computes. The other one ("warp") is MuJoCo
+Warp, for NVIDIA GPUs.
 """
 
 import contextlib
@@ -26,6 +28,7 @@ MAX_CONTACTS = (
 )
 MAX_ROWS = 192  # of constraints of one robot there: pyramids of the contacts, friction and limits of the joints
 
+ITERATIONS = 10  # of the contact solver, and of each of its line searches
 Implementation = Literal["jax", "warp"]
 
 
@@ -65,8 +68,9 @@ def mjx_init(model: mujoco.MjModel, implementation: Implementation = "jax", robo
             return mjx.make_data(model, impl="warp", naconmax=MAX_CONTACTS * robots, njmax=MAX_ROWS)
         return mjx.make_data(on_device, impl="jax")
 
+    model = copy.copy(model)
+    model.opt.iterations = model.opt.ls_iterations = ITERATIONS
     if implementation == "warp":  # it never resets by itself, and refuses models that ask it not to
-        model = copy.copy(model)
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     try:
         on_device = mjx.put_model(model, impl=implementation)
