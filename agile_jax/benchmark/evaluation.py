@@ -166,8 +166,12 @@ def _part_metrics(batch: int, parts: Parts) -> list[Metric]:
         for name, what in share.items()
     ]
     replayed = batch * SIMULATED / parts.replay
+    controlled = batch * SIMULATED / (parts.plan + parts.act)
     return [
         *metrics,
+        Metric(
+            f"mujoco_{batch}_without_physics", controlled, "s/s", "higher", "the loop's speed if physics took no time"
+        ),
         Metric(f"mujoco_{batch}_physics_alone", replayed, "s/s", "higher", "mujoco.rollout with the same torques"),
         Metric(f"mujoco_{batch}_of_physics_alone", parts.replay / total, "", "higher", "the loop's speed over that"),
     ]
