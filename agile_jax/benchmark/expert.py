@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, as_json, number, table
+from agile_jax.benchmark.metrics import Metric, as_json, comparison, missed
 from agile_jax.benchmark.path import Defects, PeerSolution, measure
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import Experiment
@@ -227,18 +227,6 @@ def report(result: dict[str, Any]) -> str:
     """The result as a table to read."""
     metrics = result["metrics"]
     names = [name for name in (*PEERS, "ours") if f"{name}.solved" in metrics]
-    keys = list(dict.fromkeys(key.partition(".")[2] for key in metrics))
-    rows = []
-    for key in keys:
-        found = [metrics.get(f"{name}.{key}") for name in names]
-        unit = next(metric["unit"] for metric in found if metric)
-        cells = [number(metric["value"]) if metric else "" for metric in found]
-        rows.append((f"{key} [{unit}]" if unit else key, cells))
     missing = [f"{name}: {text}" for name, text in result["peers"].items() if text == "not installed"]
-    missed = [
-        f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])} ({metric['meaning']})"
-        for key, metric in metrics.items()
-        if Metric(key, **metric).missed
-    ]
     problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
-    return "\n".join([f"{result['experiment']}: {problem}", "", table(names, rows), *missing, *missed])
+    return "\n".join([f"{result['experiment']}: {problem}", "", comparison(metrics, names), *missing, *missed(metrics)])

@@ -27,6 +27,26 @@ def as_json(metrics: Sequence[Metric]) -> dict[str, dict[str, Any]]:
     return {metric.key: {k: v for k, v in metric._asdict().items() if k != "key"} for metric in metrics}
 
 
+def missed(metrics: dict[str, dict[str, Any]]) -> list[str]:
+    """A line for each metric of `as_json` that is on the wrong side of its target."""
+    return [
+        f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])} ({metric['meaning']})"
+        for key, metric in metrics.items()
+        if Metric(key, **metric).missed
+    ]
+
+
+def comparison(metrics: dict[str, dict[str, Any]], methods: Sequence[str]) -> str:
+    """A table of the metrics "METHOD.KEY", a column for each method and a row for each key."""
+    rows = []
+    for key in dict.fromkeys(key.partition(".")[2] for key in metrics):
+        found = [metrics.get(f"{method}.{key}") for method in methods]
+        unit = next(metric["unit"] for metric in found if metric)
+        cells = [number(metric["value"]) if metric else "" for metric in found]
+        rows.append((f"{key} [{unit}]" if unit else key, cells))
+    return table(methods, rows)
+
+
 def table(columns: Sequence[str], rows: Sequence[tuple[str, Sequence[str]]]) -> str:
     """Plain text: a line of column names, then rows of a title and as many cells, aligned to the right."""
     left = max(len(title) for title, _ in rows)

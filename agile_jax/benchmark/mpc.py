@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.benchmark.dense_qp import DenseQp, dense_qp, violations
-from agile_jax.benchmark.metrics import Metric, as_json, number, table
+from agile_jax.benchmark.metrics import Metric, as_json, missed, number, table
 from agile_jax.benchmark.mpc_peers import make_clarabel, make_peers
 from agile_jax.benchmark.peer import Peer
 from agile_jax.control.settings import ControlSettings, MpcSettings
@@ -233,12 +233,7 @@ def report_mpc(result: dict[str, Any]) -> str:
         infeasible = number(metrics[f"{condition}.infeasible"]["value"])
         lines += ["", f"{condition} (infeasible: {infeasible})", table(titles, rows)]
     lines += [f"{name}: not measured: {result['peers'][name]}" for name in result["missing"]]
-    lines += [
-        f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])}"
-        for key, metric in metrics.items()
-        if Metric(key, **metric).missed
-    ]
-    return "\n".join(lines)
+    return "\n".join([*lines, *missed(metrics)])
 
 
 def _version(name: str) -> str:

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, as_json, number, table
+from agile_jax.benchmark.metrics import Metric, as_json, missed, number, table
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import Experiment
 from agile_jax.expert import make_expert
@@ -105,10 +105,5 @@ def report_policy(result: dict[str, Any]) -> str:
         (f"{key} [{metric['unit']}]" if metric["unit"] else key, [number(metric["value"]), metric["meaning"]])
         for key, metric in metrics.items()
     ]
-    missed = [
-        f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])} ({metric['meaning']})"
-        for key, metric in metrics.items()
-        if Metric(key, **metric).missed
-    ]
     problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
-    return "\n".join([f"{result['experiment']}: {problem}", "", table(["value", "of"], rows), *missed])
+    return "\n".join([f"{result['experiment']}: {problem}", "", table(["value", "of"], rows), *missed(metrics)])
