@@ -4,7 +4,8 @@ Every robot walks from a start of the experiment's distribution under the traine
 does is in the time: policy, reference, MPC, feet, torques, physics, clearance, outcome. Compilation is not: each
 function has run before the clock starts. The parts of the C backend are timed one by one in the same run. Physics alone
 replays the recorded torques through one call of `mujoco.rollout`: what no controller in the loop can exceed. Of several
-repetitions the fastest counts, because other work on the machine can only slow it down.
+repetitions the fastest counts, because other work on the machine can only slow it down. Workers (`evaluation.where`)
+are one for each core, measured at the same time, the median of the repetitions of each; their speeds are added up.
 """
 
 import os
@@ -22,7 +23,8 @@ import mujoco.rollout
 import numpy as np
 
 from agile_jax.benchmark.metrics import Metric, as_json, number, table
-from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
+from agile_jax.engine import TaskFailure, TasksFailedError, open_engine
+from agile_jax.evaluation.backend import Backend, Inputs, command_parameters, make_backend
 from agile_jax.evaluation.stage import evaluation_starts
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
@@ -35,6 +37,8 @@ METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
 SIMULATED = 1.0  # in one repetition [s]
 REPETITIONS = 3
 ENDLESS = 1e6  # time limit of the episodes [s]: none ends while the clock runs
+WORKER_REPETITIONS = 5
+WORKER_BATCHES = (64, 128)
 CPU_BATCHES = {"mujoco": (1, 16, 64, 256), "mjx": (1, 16, 64)}
 GPU_BATCHES = {"mujoco": (64, 256), "mjx": (64, 1024, 4096)}
 LOOP_TARGET = {"cpu": 15.0, "gpu": 600.0}  # simulated seconds per second of the best batch
@@ -67,15 +71,20 @@ def benchmark_evaluation(
     best: dict[str, float] = {}
     for done, (backend, batch) in enumerate(plan):
         progress(done, len(plan), f"{backend}, {batch} robots")
-        settings = experiment.evaluation.model_copy(update={"backend": backend, "episodes": batch, "planner": "policy"})
-        inputs = experiment.model_copy(update={"evaluation": settings})
-        speed, parts = _measure(inputs, run_dir, batch, threads)
+        speed, parts = _measure(_inputs(experiment, backend, batch), run_dir, batch, threads)
         best[backend] = max(best.get(backend, 0.0), speed)
         metrics.append(
             Metric(f"{backend}_{batch}_speed", speed, "s/s", "higher", "simulated seconds per second, all included")
         )
         if parts is not None:
             metrics += _part_metrics(batch, parts)
+    if device.platform == "cpu":
+        for batch in WORKER_BATCHES:
+            progress(len(plan), len(plan) + 1, f"workers, {batch} robots each")
+            speed, workers = _workers_speed(_inputs(experiment, "mujoco", batch), run_dir, batch)
+            best["workers"] = max(best.get("workers", 0.0), speed)
+            meaning = f"the same in {workers} workers of {batch} robots each"
+            metrics.append(Metric(f"workers_{batch}_speed", speed, "s/s", "higher", meaning))
     target = LOOP_TARGET["cpu" if device.platform == "cpu" else "gpu"]
     fastest = max(best.values())
     metrics.append(Metric("best_speed", fastest, "s/s", "higher", "of the fastest backend and batch", target))
@@ -102,7 +111,42 @@ def report(result: dict[str, Any]) -> str:
     return f"{table(('value', 'unit', 'meaning'), rows)}\n\n{result['method']}"
 
 
+def _inputs(experiment: Experiment, backend: str, batch: int) -> Experiment:
+    settings = experiment.evaluation.model_copy(update={"backend": backend, "episodes": batch, "planner": "policy"})
+    return experiment.model_copy(update={"evaluation": settings})
+
+
+def _workers_speed(inputs: Experiment, run_dir: pathlib.Path, batch: int) -> tuple[float, int]:
+    """Of all workers together, and their number."""
+    with open_engine() as engine:
+        tasks = [(inputs, run_dir.resolve(), batch)] * engine.workers
+        speeds = [result for _, result in engine.map(_worker_speed, tasks)]
+    for speed in speeds:
+        if isinstance(speed, TaskFailure):
+            raise TasksFailedError(f"a worker failed: {speed.cause}")
+    return sum(speeds), len(speeds)
+
+
+def _worker_speed(task: tuple[Inputs, pathlib.Path, int]) -> float:
+    """Of one worker. Runs there."""
+    inputs, run_dir, batch = task
+    _, simulated, repeat = _prepare(inputs, run_dir, batch, 1)
+    return batch * simulated / float(np.median([repeat() for _ in range(WORKER_REPETITIONS)]))
+
+
 def _measure(inputs: Inputs, run_dir: pathlib.Path, batch: int, threads: int) -> tuple[float, Parts | None]:
+    backend, simulated, repeat = _prepare(inputs, run_dir, batch, threads)
+    slots = backend.slots
+    speed = batch * simulated / min(repeat() for _ in range(REPETITIONS))
+    if isinstance(slots, MjxSlots):
+        return speed, None
+    return speed, _parts(inputs, slots, backend.qpos(evaluation_starts(inputs)), threads)
+
+
+def _prepare(
+    inputs: Inputs, run_dir: pathlib.Path, batch: int, threads: int
+) -> tuple[Backend, float, Callable[[], float]]:
+    """The compiled loop, what a repetition simulates of each robot [s], and a repetition, which gives its time [s]."""
     backend = make_backend(inputs, command_parameters(inputs, run_dir / "training"), batch, threads)
     qpos = backend.qpos(evaluation_starts(inputs))
     slots, everyone, limits = backend.slots, np.arange(batch), np.full(batch, ENDLESS)
@@ -115,11 +159,7 @@ def _measure(inputs: Inputs, run_dir: pathlib.Path, batch: int, threads: int) ->
     begin()
     slots.advance()  # compiles
     begin()
-    fastest = min(_seconds(lambda: [slots.advance() for _ in range(advances)]) for _ in range(REPETITIONS))
-    speed = batch * advances * segment / fastest
-    if isinstance(slots, MjxSlots):
-        return speed, None
-    return speed, _parts(inputs, slots, qpos, threads)
+    return backend, advances * segment, lambda: _seconds(lambda: [slots.advance() for _ in range(advances)])
 
 
 def _parts(inputs: Inputs, slots: MujocoSlots, qpos: np.ndarray, threads: int) -> Parts:

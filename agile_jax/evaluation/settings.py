@@ -20,7 +20,7 @@ class EvaluationSettings(Settings):
     backend: Literal["mujoco", "mjx", "mjx-warp"] = "mujoco"
     planner: Literal["policy", "replan", "open_loop", "open_loop_2d", "straight"] = "policy"
     replan_interval: Positive = 0.1  # of the planner "replan" [s]
-    # here: in this process, which is best on one machine; workers: a part at a time in the engine's, one core each.
+    # here: in this process; workers: in the engine's, one core each, faster from some hundred episodes on.
     where: Literal["here", "workers"] = "here"
     batch: Count = 64  # episodes simulated at once; does not change their results
     devices: Count = 1  # of JAX, that share the batch in MJX; does not change their results

@@ -27,6 +27,8 @@ from agile_jax.simulation import Recorder, Trace
 
 START_STREAM = 7_001  # sets the evaluation's random stream apart from those of dataset and training
 CHUNK = 64  # episodes a file
+LONGEST_PART = 8  # chunks that a worker simulates at a time
+PARTS_A_WORKER = 4  # at least, where there are enough chunks: workers end at about the same time
 NO_PATH_LIMIT = 20.0  # time limit where the expert found no path [s]
 
 
@@ -193,32 +195,41 @@ def _simulate_on_workers(
     identity: str,
     engine: Callable[[], AbstractContextManager[Engine]],
 ) -> None:
-    """Each missing chunk in one of the engine's workers."""
-    missing = chunks.missing()
+    """The missing chunks in the engine's workers, some at a time."""
     arrays = jax.tree.map(np.asarray, parameters)
-    parts = [
-        Part(identity, inputs, arrays, starts[members], limits[members], inputs.evaluation.traced if chunk == 0 else 0)
-        for chunk in missing
-        for members in [chunks.members(chunk)]
-    ]
     failures = []
     done = 0
     with engine() as opened:
+        groups = _groups(chunks.missing(), opened.workers)
+        numbers = [np.concatenate([chunks.members(chunk) for chunk in group]) for group in groups]
+        parts = [
+            Part(identity, inputs, arrays, starts[own], limits[own], inputs.evaluation.traced if own[0] == 0 else 0)
+            for own in numbers
+        ]
         for position, result in opened.map(simulate_part, parts, time_limit_s=PART_TIME_LIMIT_S):
-            chunk = missing[position]
+            own = numbers[position]
             if isinstance(result, TaskFailure):
-                failures.append(f"episodes from {chunks.members(chunk)[0]}: {result.cause}")
+                failures.append(f"episodes from {own[0]}: {result.cause}")
                 continue
-            for episode, trace in result.unstable.items():
-                chunks.keep_unstable(int(chunks.members(chunk)[episode]), trace)
-            chunks.commit(chunk, result.columns, result.device, result.query_seconds, result.traces)
-            done += len(chunks.members(chunk))
+            for place, trace in result.unstable.items():
+                chunks.keep_unstable(int(own[place]), trace)
+            for chunk in groups[position]:
+                rows = {key: values[np.isin(own, chunks.members(chunk))] for key, values in result.columns.items()}
+                traces = result.traces if chunk == 0 else []
+                chunks.commit(chunk, rows, result.device, result.query_seconds, traces)
+            done += len(own)
             chunks.report(done)
     if failures:
         raise TasksFailedError(
             f"{len(failures)} parts of the evaluation failed ({'; '.join(sorted(failures))}); "
             "the others are kept, and the same command tries again"
         )
+
+
+def _groups(chunks: list[int], workers: int) -> list[list[int]]:
+    """Chunks that a worker simulates as one stream, so that fewer slots wait for the last episode: several for each."""
+    size = min(LONGEST_PART, max(1, len(chunks) // (PARTS_A_WORKER * workers)))
+    return [chunks[first : first + size] for first in range(0, len(chunks), size)]
 
 
 def evaluation_identity(inputs: Inputs, training_directory: pathlib.Path) -> str:
