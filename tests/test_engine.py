@@ -35,6 +35,12 @@ def thread_settings(_):
     return os.environ.get("OMP_NUM_THREADS"), os.environ.get("OPENBLAS_NUM_THREADS")
 
 
+def cores_of_all_threads(_):
+    time.sleep(0.3)  # so that each worker gets a task
+    threads = os.listdir("/proc/self/task")
+    return os.getpid(), {core for thread in threads for core in os.sched_getaffinity(int(thread))}
+
+
 def die_once(task):
     index, folder = task
     marker = pathlib.Path(folder) / "died"
@@ -231,3 +237,14 @@ def test_nothing_is_logged_although_a_library_has_set_up_logging() -> None:
     ended = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
     assert ended.stdout == "[(0, 1)]\n"
     assert ended.stderr == ""
+
+
+def test_as_many_workers_as_cores_have_a_core_each():
+    ours = os.sched_getaffinity(0)
+    with open_engine("local") as engine:
+        found = dict(result for _, result in engine.map(cores_of_all_threads, range(2 * len(ours))))
+    assert all(len(cores) == 1 for cores in found.values())
+    assert set().union(*found.values()) == ours
+    with open_engine("local", workers=len(ours) + 1) as engine:
+        assert next(engine.map(cores_of_all_threads, [0]))[1][1] == ours
+    assert os.sched_getaffinity(0) == ours

@@ -36,12 +36,24 @@ def small_chunks(monkeypatch):
     monkeypatch.setattr(stage, "CHUNK", 2)
 
 
-def test_workers_simulate_what_one_process_simulates(tmp_path: pathlib.Path, inline, small_chunks):
-    summaries = [evaluate(experiment(where=where), tmp_path / where, inline, 1) for where in ("here", "workers")]
-    assert summaries[0]["success_rate"] == summaries[1]["success_rate"] == 1.0
-    for name in ("mujoco.npz", "mujoco-traces.npz"):
-        here, there = ((tmp_path / where / "evaluation" / name).read_bytes() for where in ("here", "workers"))
-        assert here == there
+def test_workers_simulate_what_one_process_simulates(tmp_path: pathlib.Path, inline, small_chunks, monkeypatch):
+    def files(name: str, where: str) -> list[bytes]:
+        assert evaluate(experiment(where=where), tmp_path / name, inline, 1)["success_rate"] == 1.0
+        return [(tmp_path / name / "evaluation" / file).read_bytes() for file in ("mujoco.npz", "mujoco-traces.npz")]
+
+    here = files("here", "here")
+    assert files("a chunk at a time", "workers") == here
+    monkeypatch.setattr(stage, "PARTS_A_WORKER", 1)
+    assert files("both chunks in one stream", "workers") == here
+
+
+@pytest.mark.parametrize(
+    ("chunks", "workers", "sizes"), [(1, 2, [1]), (9, 2, [1] * 9), (16, 2, [2] * 8), (157, 2, [8] * 19 + [5])]
+)
+def test_workers_get_equal_parts(chunks: int, workers: int, sizes: list[int]):
+    groups = stage._groups(list(range(chunks)), workers)
+    assert [len(group) for group in groups] == sizes
+    assert [chunk for group in groups for chunk in group] == list(range(chunks))
 
 
 class Failing(InlineEngine):
