@@ -44,15 +44,14 @@ def compiled(cone: str = "cone", iterations_limits: int = SETTINGS.iterations_li
 
 
 def solve_exactly(qp: Qp, pyramid: bool) -> list[np.ndarray]:
-    """All forces, by Clarabel (cone) or PIQP (pyramid), in float64."""
+    """All forces, by Clarabel (cone) or PIQP (pyramid), in float64; not a number where the problem is infeasible."""
     pytest.importorskip("piqp" if pyramid else "clarabel")
     peer = make_piqp() if pyramid else make_clarabel(1e-9)
     found = []
     for i in range(len(qp.linear)):
         problem = dense_qp(CONSTANTS, qp, i)
         x = peer.solve(peer.prepare(problem))
-        assert x is not None
-        found.append(all_forces(problem, x))
+        found.append(np.full(12 * NODES, np.nan) if x is None else all_forces(problem, x))
     return found
 
 
@@ -162,8 +161,11 @@ def test_agrees_with_independent_solvers_on_a_thousand_problems(cone: str):
         check_constraints(batch, solution, cone == "pyramid")
         expected = np.array(solve_exactly(qp, cone == "pyramid"))[:, :12]
         error = np.abs(np.array(solution.forces, float)[:, 0] - expected).max(-1)
-        solved = np.array(solution.status) == SOLVED
-        assert np.mean(solved & (error < ACCURATE)) >= share
+        status, feasible = np.array(solution.status), np.isfinite(error)
+        assert feasible.sum() >= 999
+        assert np.isin(status[~feasible], (INFEASIBLE, UNCONVERGED)).all()
+        solved = status == SOLVED
+        assert np.mean((solved & (error < ACCURATE))[feasible]) >= share
         assert (error[solved] < 0.3).all()  # what is not accurate says so
 
 
