@@ -134,7 +134,7 @@ def _hold_to_one_core(cores: list[int]) -> Any:
     """One core for each worker, where there is one for each.
 
     JAX hands small pieces of work from thread to thread, and waking a thread on another core takes longer than they do:
-    two workers with a core each simulate 1.4 times as fast as two that share both.
+    one process simulates 64 robots faster on one core than on two (docs/benchmark.md).
     """
     from distributed import WorkerPlugin
 

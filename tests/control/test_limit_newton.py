@@ -7,7 +7,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agile_jax.control.limit_newton import SLOPES, at, factorise_active, first_zero, projection_derivative
+from agile_jax.control.limit_newton import (
+    REGULARISATION,
+    SLOPES,
+    at,
+    factorise_active,
+    first_zero,
+    projection_derivative,
+)
 from agile_jax.control.limit_system import BATCHED, Prices, newton_step, solve
 from agile_jax.control.mpc import mpc_constants
 from agile_jax.control.projection import PROJECTIONS
@@ -63,7 +70,7 @@ def test_a_step_solves_its_system(batch: Any):
         pull += batch.joints_transposed(CONSTANTS, penalties.joint * rows * point.joints)
         cone = penalties.cone * (g - jnp.einsum("klijb,kljb->klib", derivative, g))
         torque = batch.torques_transposed(penalties.torque * mask * point.torques)
-        return (batch.force_weight + 0.02) * g + batch.wrench_transposed(pull) + cone + torque
+        return (batch.force_weight + REGULARISATION) * g + batch.wrench_transposed(pull) + cone + torque
 
     gradient = hessian(forces)
     step = newton_step(
