@@ -28,7 +28,8 @@ def export(run_dir: pathlib.Path, output: pathlib.Path | None = None) -> list[pa
     experiment = load_experiment(run_dir / "experiment.toml")
     if stage_state(run_dir, experiment, "training") != "done":
         raise BadInput(f"{run_dir}: its training is not finished; `agile train {run_dir / 'experiment.toml'}` first")
-    from agile_jax.policy import export_policy, load_parameters, make_policy
+    from agile_jax.policy import export_policy, make_policy
+    from agile_jax.training import load_parameters
 
     scene = make_scene(experiment.scene)
     limits = np.array(experiment.expert.velocity), np.array(experiment.expert.acceleration)

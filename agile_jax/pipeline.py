@@ -147,7 +147,7 @@ def _dataset(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEng
 
 def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
     from agile_jax.dataset import load
-    from agile_jax.policy import train
+    from agile_jax.training import train
 
     train(
         load(run_dir / "dataset"),

@@ -20,8 +20,8 @@ from agile_jax.experiment import (
     to_toml,
     with_overrides,
 )
+from agile_jax.experiment.validation import nested_models
 from agile_jax.settings import BadInput
-from agile_jax.validation import nested_models
 
 SHIPPED = sorted((pathlib.Path(__file__).parents[1] / "experiments").glob("*.toml"))
 TABLE = '[[scene.obstacles]]\nkind = "table"\nposition = [1.5, 0.0]\nsize = [0.5, 1.0]\nunderside = 0.25\n'

@@ -10,8 +10,8 @@ import pytest
 PACKAGE = pathlib.Path(__file__).parents[1] / "agile_jax"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-LEAVES = {"settings", "files", "geometry", "lazy", "progress", "engine"}
-STAGES = ["scene", "expert", "dataset", "policy", "robot", "control", "simulation", "evaluation", "report"]
+LEAVES = {"settings", "files", "geometry", "lazy", "progress", "engine", "store"}
+STAGES = ["scene", "expert", "dataset", "policy", "training", "robot", "control", "simulation", "evaluation", "report"]
 
 HOMES = {  # where a heavy library may be imported; folders and files of the package
     "casadi": {"expert", "benchmark"},
@@ -19,10 +19,10 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
         peer: {"benchmark"}
         for peer in ("rockit", "clarabel", "daqp", "osqp", "piqp", "proxsuite", "quadprog", "scipy", "torch")
     },
-    "orbax": {"policy/checkpoint.py"},
-    "flax": {"policy"},
-    "optax": {"policy"},
-    "tensorboardX": {"policy"},
+    "orbax": {"training/checkpoint.py"},
+    "flax": {"policy", "training"},
+    "optax": {"training", "benchmark"},
+    "tensorboardX": {"training"},
     "matplotlib": {"report"},
     "mpl_toolkits": {"report"},
     "imageio": {"report"},
@@ -34,7 +34,15 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "optuna": {"sweep"},
     "tyro": {"cli"},
 }
-WITHOUT_JAX = {"scene", "expert", "dataset", "sweep", "cli"}  # and every module at the top of the package
+WITHOUT_JAX = {
+    "scene",
+    "expert",
+    "dataset",
+    "store",
+    "experiment",
+    "sweep",
+    "cli",
+}  # and every module at the top of the package
 
 
 def imported(path: pathlib.Path) -> set[str]:

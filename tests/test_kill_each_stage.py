@@ -16,8 +16,9 @@ import numpy as np
 import pytest
 
 from agile_jax.experiment import load_experiment
-from agile_jax.policy import load_parameters, make_policy
+from agile_jax.policy import make_policy
 from agile_jax.scene import make_scene
+from agile_jax.training import load_parameters
 
 SMOKE = pathlib.Path(__file__).parents[1] / "experiments" / "smoke.toml"
 OPTIONS = ["--expert.shard-size", "4", "--training.checkpoint-every", "2", "--evaluation.batch", "2", "--workers", "2"]

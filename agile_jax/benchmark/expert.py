@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.benchmark.metrics import Metric, as_json, comparison, missed
-from agile_jax.benchmark.path import Defects, PeerSolution, measure
+from agile_jax.benchmark.peers.peer_path import Defects, PeerSolution, measure
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import Experiment
 from agile_jax.expert import Expert, ExpertSettings, make_expert, verify
@@ -90,8 +90,8 @@ def benchmark_expert(experiment: Experiment, starts: int = 100, progress: Progre
 
 def _methods(scene: Scene, settings: ExpertSettings) -> tuple[dict[str, Callable[[np.ndarray], Attempt]], list[str]]:
     """By name, ours last; and the names of those that are not installed."""
-    from agile_jax.benchmark.opti_peer import make_opti_peer
-    from agile_jax.benchmark.rockit_peer import make_rockit_peer, rockit_is_installed
+    from agile_jax.benchmark.peers.opti_peer import make_opti_peer
+    from agile_jax.benchmark.peers.rockit_peer import make_rockit_peer, rockit_is_installed
 
     peers = {
         "opti": make_opti_peer(scene, settings, 0.0),

@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agile_jax.benchmark.dense_qp import DenseQp, dense_qp, violations
 from agile_jax.benchmark.metrics import Metric, as_json, missed, number, table
-from agile_jax.benchmark.mpc_peers import make_clarabel, make_peers
-from agile_jax.benchmark.peer import Peer
+from agile_jax.benchmark.peers.dense_qp import DenseQp, dense_qp, violations
+from agile_jax.benchmark.peers.qp_peer import Peer
+from agile_jax.benchmark.peers.qp_solvers import make_clarabel, make_peers
 from agile_jax.control.settings import ControlSettings, MpcSettings
 from agile_jax.progress import Progress, silent
 
@@ -52,8 +52,8 @@ def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progre
     """
     import jax
 
-    from agile_jax.benchmark.mpc_problems import record_problems
-    from agile_jax.control.mpc import mpc_constants
+    from agile_jax.benchmark.workloads.mpc_problems import record_problems
+    from agile_jax.control.mpc.problem import mpc_constants
 
     recorded = record_problems(settings, count, progress=progress)
     constants = mpc_constants(settings.mpc)
@@ -127,7 +127,7 @@ def measure_ours(
     import jax
     import jax.numpy as jnp
 
-    from agile_jax.control.cone_qp import cold_start, make_solver
+    from agile_jax.control.mpc.solver.cascade import cold_start, make_solver
 
     shape = settings.model_copy(update={"friction_cone": "pyramid" if pyramid else "cone"})
     solve_one = make_solver(constants, shape)

@@ -4,7 +4,7 @@ Random commands on flat ground in C MuJoCo, every episode from standing at 0.28 
 where the robot does not fall, the velocity error in the plane is at most 0.1 m/s (root mean square over all physics
 steps) and the height is never further than 1 cm from the commanded one; both from one second after the start.
 Robustness: the same commands with one disturbance each, of physics, actuation or sensing, that the controller is not
-told about (simulation/disturbance.py); counted is who does not fall. Intervals are Wilson's at 95 %.
+told about (benchmark/workloads/disturbance.py); counted is who does not fall. Intervals are Wilson's at 95 %.
 """
 
 from typing import Any, NamedTuple
@@ -12,13 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.benchmark.metrics import table
+from agile_jax.benchmark.workloads.commands import UNDISTURBED, random_commands, track_commands, tracking_loop
+from agile_jax.benchmark.workloads.disturbance import Disturbance, SensorNoise
 from agile_jax.control import Counts
 from agile_jax.evaluation.statistics import wilson_interval
-from agile_jax.evaluation.tracking import UNDISTURBED, random_commands, track_commands, tracking_loop
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.robot import load_robot
-from agile_jax.simulation.disturbance import Disturbance, SensorNoise
 
 METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
 START_HEIGHT = 0.28  # [m]

@@ -30,7 +30,7 @@ from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
 
 if TYPE_CHECKING:
-    from agile_jax.policy.throughput import Run, Workload
+    from agile_jax.benchmark.workloads.throughput import Run, Workload
 
 TRAINING_TABLE = pathlib.Path(__file__).with_name("training.toml")  # what is measured when no experiment is given
 METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
@@ -68,7 +68,7 @@ def benchmark_training(
     Raises:
         BadInput: no steps or repetitions, or another activation than tanh.
     """
-    from agile_jax.policy import throughput
+    from agile_jax.benchmark.workloads import throughput
 
     if steps < 1 or repetitions < 1:
         raise BadInput(f"steps = {steps} and repetitions = {repetitions} must be at least 1")
@@ -151,7 +151,7 @@ def _torch(workload: "Workload") -> Iterator[Callable[[str], Timing] | None]:
         arrays |= {"poses": workload.poses, "labels": workload.labels, "rows": workload.rows.astype(np.int64)}
         arrays |= {"layers": np.array(len(workload.kernels)), "learning_rate": np.array(workload.learning_rate)}
         np.savez(path, **arrays)  # type: ignore[arg-type]
-        command = [sys.executable, "-m", "agile_jax.benchmark.torch_peer", str(path)]
+        command = [sys.executable, "-m", "agile_jax.benchmark.peers.torch_peer", str(path)]
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert process.stdin is not None
         assert process.stdout is not None

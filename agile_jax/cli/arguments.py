@@ -14,8 +14,8 @@ import tyro
 from pydantic import BaseModel
 
 from agile_jax.experiment import Experiment, load_experiment
+from agile_jax.experiment.validation import field_comments, nested_models
 from agile_jax.settings import BadInput
-from agile_jax.validation import field_comments, nested_models
 
 Options = TypeVar("Options")
 

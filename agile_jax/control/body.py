@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agile_jax.control.centroidal import BodyState
+from agile_jax.control.mpc.centroidal import BodyState
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
 from agile_jax.robot import RobotModel, RobotState, composite_inertia
 

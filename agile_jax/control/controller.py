@@ -11,10 +11,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.control import cone_qp, gait, torques
+from agile_jax.control import gait, torques
 from agile_jax.control.body import Body, Reference, measure
 from agile_jax.control.diagnostics import Diagnostics, after_act, after_plan, no_diagnostics
-from agile_jax.control.mpc import Qp, mpc_constants, robot_qp
+from agile_jax.control.mpc.problem import Qp, mpc_constants, robot_qp
+from agile_jax.control.mpc.solver import cascade
 from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import feed_forward_share, folded_leg, foothold, forward_reach
@@ -39,7 +40,7 @@ class ControllerState(NamedTuple):
     velocity_planar: jax.Array  # (2,) measured velocity of the centre of mass at the last plan, world [m/s]
     forces_world: jax.Array  # (4, 3) planned forces of the ground on the feet [N]
     integral: jax.Array  # (3,) correction of height [m], roll, pitch [rad]
-    warm_start: cone_qp.WarmStart
+    warm_start: cascade.WarmStart
     diagnostics: Diagnostics
 
 
@@ -66,7 +67,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     """Compose gait, MPC, footholds and torques for a robot."""
     settings = scaled_to(robot, settings)
     constants = mpc_constants(settings.mpc)
-    solve = cone_qp.make_solver(constants, settings.mpc)
+    solve = cascade.make_solver(constants, settings.mpc)
     gait_settings = settings.gait
     foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
     inertia = torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32))
@@ -85,7 +86,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
             velocity_planar=jnp.zeros(2),
             forces_world=jnp.zeros((4, 3)).at[:, 2].set(weight / 4),
             integral=jnp.zeros(3),
-            warm_start=cone_qp.cold_start(settings.mpc.horizon),
+            warm_start=cascade.cold_start(settings.mpc.horizon),
             diagnostics=no_diagnostics(),
         )
 
@@ -113,10 +114,10 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
 
     def plan(state: ControllerState, robot_state: RobotState, reference: Reference) -> ControllerState:
         qp, body, clock, footholds, integral = prepare(state, robot_state, reference)
-        solution = solve(qp, cone_qp.shift(state.warm_start, settings.plan_dt / settings.mpc.mpc_dt))
+        solution = solve(qp, cascade.shift(state.warm_start, settings.plan_dt / settings.mpc.mpc_dt))
         forces_world = solution.forces[0].reshape(4, 3) @ body.R_world_yaw.T
         # Without a solution the forces of the last plan are the best guess; act leaves out those of feet in the air.
-        forces_world = jnp.where(solution.status == cone_qp.NOT_FINITE, state.forces_world, forces_world)
+        forces_world = jnp.where(solution.status == cascade.NOT_FINITE, state.forces_world, forces_world)
         return state._replace(
             gait=clock,
             foothold_world=footholds,

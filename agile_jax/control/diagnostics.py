@@ -5,7 +5,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agile_jax.control.cone_qp import INFEASIBLE, NOT_FINITE, SOLVED, UNCONVERGED, QpSolution
+from agile_jax.control.mpc.solver.cascade import INFEASIBLE, NOT_FINITE, SOLVED, UNCONVERGED, QpSolution
 from agile_jax.robot import RobotModel
 
 CONSTRAINT_TOLERANCE = 1e-3  # by which a force [N], a torque [Nm] or a joint [rad] may pass its limit

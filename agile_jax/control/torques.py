@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.control.centroidal import GRAVITY
+from agile_jax.control.mpc.centroidal import GRAVITY
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import swing_path
 from agile_jax.robot import (

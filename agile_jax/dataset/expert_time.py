@@ -8,12 +8,12 @@ from functools import lru_cache
 
 import numpy as np
 
-from agile_jax.dataset.parts import Arrays, complete_parts
 from agile_jax.engine import Engine
 from agile_jax.expert import Expert, ExpertSettings, make_expert
 from agile_jax.files import hash_json, sha256
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import SceneSettings, make_scene
+from agile_jax.store.parts import Arrays, complete_parts
 
 CHUNK = 100  # starts a task
 CHUNK_TIME_LIMIT_S = 300.0  # after which a task counts as hung

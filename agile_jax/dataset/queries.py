@@ -1,4 +1,4 @@
-"""Labels at given poses: what a learner asks the expert while it learns (policy/dagger.py)."""
+"""Labels at given poses: what a learner asks the expert while it learns (training/aggregation.py)."""
 
 import pathlib
 from collections.abc import Callable
@@ -8,12 +8,12 @@ from typing import NamedTuple
 import numpy as np
 
 from agile_jax.dataset.expert_time import expert_of
-from agile_jax.dataset.parts import Arrays, complete_parts
 from agile_jax.engine import Engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.files import hash_json, sha256
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import SceneSettings
+from agile_jax.store.parts import Arrays, complete_parts
 
 CHUNK = 25  # poses a task
 CHUNK_TIME_LIMIT_S = 120.0

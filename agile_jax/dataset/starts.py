@@ -9,8 +9,8 @@ as the open floor. All with a spread in yaw.
 import numpy as np
 
 from agile_jax.expert import ExpertSettings, planning_margin
-from agile_jax.expert.empty_boxes import SIDES
-from agile_jax.expert.regions import obstacle_boxes
+from agile_jax.expert.space.empty_boxes import SIDES
+from agile_jax.expert.space.regions import obstacle_boxes
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, Starts, clearance, sample_starts
 from agile_jax.settings import BadInput
 

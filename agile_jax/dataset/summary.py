@@ -7,7 +7,7 @@ import numpy as np
 
 from agile_jax.dataset.dataset import SPLITS, Dataset, accepted, split_mask
 from agile_jax.dataset.settings import DatasetSettings
-from agile_jax.expert.ladder import CERTIFIED
+from agile_jax.expert.programs.retries import CERTIFIED
 
 FIRST_METHODS = ("certified", "fatrop")  # the others are rungs that solved what these could not
 

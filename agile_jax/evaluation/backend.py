@@ -14,7 +14,7 @@ from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
 from agile_jax.geometry import wrap_angle
-from agile_jax.policy import Policy, PolicySettings, load_parameters, make_policy
+from agile_jax.policy import Policy, PolicySettings, make_policy
 from agile_jax.policy.braking import braking_law
 from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene, planar_scene
@@ -33,6 +33,7 @@ from agile_jax.simulation import (
     path_command,
     policy_command,
 )
+from agile_jax.training import load_parameters
 
 
 class Inputs(Protocol):

@@ -18,13 +18,13 @@ and needs the general program for every label.
 Importing this package loads neither CasADi nor JAX.
 """
 
-from agile_jax.expert.ends import check_start, check_target
 from agile_jax.expert.expert import Expert, make_expert
-from agile_jax.expert.minimum_time import lower_bound, minimum_time
-from agile_jax.expert.planners import Comparison, compare_planners
-from agile_jax.expert.regions import planning_margin
+from agile_jax.expert.feasible_poses import check_start, check_target
+from agile_jax.expert.planar_comparison import Comparison, compare_planners
+from agile_jax.expert.search.minimum_time import lower_bound, minimum_time
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
+from agile_jax.expert.space.regions import planning_margin
 from agile_jax.expert.verify import integrate, rejection, verify
 
 __all__ = [

@@ -10,13 +10,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.branches import branch_name, branch_rank
-from agile_jax.expert.certified import CertifiedSolver, Task, applies, make_certified_solver, solve_certified
-from agile_jax.expert.ends import check_target
-from agile_jax.expert.ladder import CERTIFIED, VIOLATION, Candidate, Ladder
-from agile_jax.expert.minimum_time import lower_bound
-from agile_jax.expert.profile import Profile, slowest_axis
-from agile_jax.expert.regions import (
+from agile_jax.expert.feasible_poses import check_target
+from agile_jax.expert.programs.certified import CertifiedSolver, Task, applies, make_certified_solver, solve_certified
+from agile_jax.expert.programs.retries import CERTIFIED, VIOLATION, Candidate, Ladder
+from agile_jax.expert.search.branches import branch_name, branch_rank
+from agile_jax.expert.search.minimum_time import lower_bound
+from agile_jax.expert.search.profile import Profile, slowest_axis
+from agile_jax.expert.search.routes import Route, RouteSearch, waypoints
+from agile_jax.expert.search.turns import split_turns
+from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
+from agile_jax.expert.space.nearby_obstacles import along, first_met, first_obstacles, with_obstacles
+from agile_jax.expert.space.regions import (
     ROUNDING_ERRORS,
     TIGHTENING,
     FreeSpace,
@@ -25,11 +30,6 @@ from agile_jax.expert.regions import (
     planning_margin,
     regions_around,
 )
-from agile_jax.expert.relevant import along, first_met, first_obstacles, with_obstacles
-from agile_jax.expert.routes import Route, RouteSearch, waypoints
-from agile_jax.expert.settings import ExpertSettings
-from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
-from agile_jax.expert.turns import split_turns
 from agile_jax.expert.verify import dense_poses, rejection, verify
 from agile_jax.scene import POSE_SIZE, Scene, facing, planar_scene
 

@@ -50,7 +50,7 @@ class ExpertSettings(Settings):
 def check_scene(scene: SceneSettings, settings: ExpertSettings) -> None:
     """Refuse targets out of bounds or with less than the margin (BadInput, which names the one): no plan could end
     there."""
-    from agile_jax.expert.ends import check_target
+    from agile_jax.expert.feasible_poses import check_target
     from agile_jax.scene.scene import make_scene
 
     made = make_scene(scene)

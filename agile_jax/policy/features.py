@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.policy.planes import FACES, separating_planes
+from agile_jax.policy.separating_planes import FACES, separating_planes
 from agile_jax.scene import Scene, pose_error
 
 

@@ -23,7 +23,7 @@ from agile_jax.policy.features import features, natural_range
 from agile_jax.policy.field import Encoding, Policy, make_network
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.settings import PolicySettings
-from agile_jax.policy.speed_limit import brake_before_bounds, brake_before_obstacles, within_limits
+from agile_jax.policy.speed_filter import brake_before_bounds, brake_before_obstacles, within_limits
 from agile_jax.scene import POSE_SIZE, Scene, pose_error
 
 

@@ -30,7 +30,7 @@ from agile_jax.policy.braking import braking_law
 from agile_jax.policy.features import features, natural_range
 from agile_jax.policy.network import MLP, Normalization, PolicyParameters, fit_normalization
 from agile_jax.policy.settings import PolicySettings
-from agile_jax.policy.speed_limit import brake_before_bounds, brake_before_obstacles, within_limits
+from agile_jax.policy.speed_filter import brake_before_bounds, brake_before_obstacles, within_limits
 from agile_jax.scene import POSE_SIZE, Scene, pose_error
 
 

@@ -1,10 +1,10 @@
-"""Settings of the policy (what the field is) and of its training."""
+"""Settings of the policy: what the field is."""
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field
 
-from agile_jax.settings import Count, NonNegative, Positive, Settings
+from agile_jax.settings import Count, Positive, Settings
 
 HiddenLayers = Annotated[tuple[Count, ...], Field(strict=False, min_length=1)]
 
@@ -27,111 +27,3 @@ class PolicySettings(Settings):
     approach_rate: Positive = 8.0  # 1 / time constant of the last centimetres [1/s]
     field_filter: bool = True  # limit the speed towards obstacles to what can be braked (speed_limit.py)
     filter_margin: Positive = 0.02  # clearance below which the field no longer approaches; less than the labels' [m]
-
-
-class ClosedLoopSettings(Settings):
-    """The learner's own test: a kinematic robot follows the policy from starts that no training has seen.
-
-    It may accelerate by the expert's bounds over `headroom`: a follower that has no more than its labels falls behind.
-    """
-
-    starts: Count = 256  # of the scene's distribution, after training
-    headroom: Annotated[float, Field(gt=0, le=1)] = 0.92
-    dt: Positive = 0.02  # tick [s]
-    every: Annotated[int, Field(ge=0)] = 25  # epochs between two looks during training; 0: none
-    watched_starts: Count = 256  # of each look, others than those after training
-
-
-class DaggerSettings(Settings):
-    """Rounds of dataset aggregation (Ross, Gordon and Bagnell, AISTATS 2011), from the training's own rollouts.
-
-    A round rolls the policy out, asks the expert at poses on the way to the least clearances, adds its paths to the
-    training samples, and goes on training.
-    """
-
-    rounds: Annotated[int, Field(ge=0)] = 0
-    starts: Count = 2000  # rolled out in each round
-    queries: Count = 400  # poses in each round
-    epochs: Count = 20  # of each round's training
-    rate: Annotated[float, Field(gt=0, le=1)] = 0.3  # its learning rate over training.learning_rate
-
-
-Optimizer = Literal[
-    "adabelief",
-    "adadelta",
-    "adafactor",
-    "adagrad",
-    "adam",
-    "adamax",
-    "adamaxw",
-    "adamw",
-    "adan",
-    "amsgrad",
-    "lamb",
-    "lars",
-    "lion",
-    "nadam",
-    "nadamw",
-    "novograd",
-    "radam",
-    "rmsprop",
-    "sgd",
-    "sign_sgd",
-    "yogi",
-]
-Schedule = Literal["constant", "cosine", "cosine_onecycle", "exponential", "linear", "linear_onecycle", "polynomial"]
-WITH_MOMENTUM = ("lars", "rmsprop", "sgd")
-WITH_WEIGHT_DECAY = ("adamaxw", "adamw", "adan", "lamb", "lars", "lion", "nadamw", "novograd")
-
-
-class TrainingSettings(Settings):
-    """How the network is fitted. The paper's: optimizer = "sgd", learning_rate = 0.5, batch_size = 1024, epochs = 20.
-
-    The paper's rate diverges with initialisation = "lecun_normal" on raw inputs and converges with "torch_uniform",
-    the default of the framework that such recipes usually come from. Optimisers and schedules are Optax's of the same
-    name (optimizer.py); left out are those that need more than a
-    gradient (line searches), take no schedule (sm3, rprop) or add noise.
-    """
-
-    optimizer: Optimizer = "adam"
-    learning_rate: Positive = 2e-3  # initial; of a one-cycle schedule the highest
-    momentum: Annotated[float, Field(ge=0, lt=1)] = 0.0  # of sgd, rmsprop and lars
-    nesterov: bool = False  # of these, with momentum
-    weight_decay: NonNegative = 0.0  # of adamaxw, adamw, adan, lamb, lars, lion, nadamw and novograd
-    clip_norm: Positive | None = None  # largest norm of the whole gradient; None: any
-    schedule: Schedule = "cosine"  # from learning_rate to final_rate of it at the last step
-    final_rate: Annotated[float, Field(gt=0, le=1)] = 0.01  # share of learning_rate; not of constant and one-cycle
-    warmup: Annotated[float, Field(ge=0, lt=1)] = 0.0  # share of all steps in which the rate rises from 0
-    batch_size: Count = 512
-    epochs: Count = 150
-    loss: Literal["mse"] = "mse"  # averaged over the outputs, in output_units
-    output_units: Literal["si", "std", "limits"] = "si"  # of loss and outputs; std: of the labels; only kind = "plain"
-    initialisation: Literal["glorot_uniform", "he_normal", "lecun_normal", "torch_uniform"] = (
-        "lecun_normal"  # torch_uniform: +-1 / sqrt(fan in), biases, too
-    )
-    precision: Literal["float32", "tensorfloat32", "bfloat16"] = (
-        "float32"  # of the wide layers' products (precision.py); parameters and the rest are float32
-    )
-    seeds: Count = 1  # trained at once: seed, seed + 1, ...; the policy is the one with the least validation error
-    devices: Count = 1  # that share each batch
-    select: Literal["last", "best"] = "last"  # best: the parameters of the epoch with the least validation error
-    patience: Count | None = None  # epochs without a less validation error after which training stops; None: never
-    checkpoint_every: Count = 10  # epochs
-    keep: Annotated[int, Field(ge=2)] = 2  # checkpoints kept, so that there is one before a damaged one
-
-    @model_validator(mode="after")
-    def _has_an_effect(self) -> "TrainingSettings":
-        """What the chosen optimiser, schedule or device count would ignore or cannot do is refused."""
-        for name, known in (("momentum", WITH_MOMENTUM), ("weight_decay", WITH_WEIGHT_DECAY)):
-            if getattr(self, name) > 0 and self.optimizer not in known:
-                raise ValueError(
-                    f'{name} = {getattr(self, name)} has no effect with optimizer = "{self.optimizer}"; '
-                    f"it belongs to {', '.join(known)}"
-                )
-        if self.nesterov and self.momentum == 0:
-            raise ValueError("nesterov = true has no effect without momentum; set momentum, for example to 0.9")
-        if self.patience is not None and self.select != "best":
-            raise ValueError(f'patience = {self.patience} stops after the best epoch: it needs select = "best"')
-        if self.batch_size % self.devices:
-            raise ValueError(f"batch_size = {self.batch_size} must be a multiple of devices = {self.devices}")
-        return self

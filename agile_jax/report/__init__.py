@@ -8,10 +8,10 @@ from agile_jax.lazy import lazy_names
 from agile_jax.report.settings import ReportSettings
 
 if TYPE_CHECKING:
+    from agile_jax.report.figures.plan_figures import draw_plan
     from agile_jax.report.html import write_report
-    from agile_jax.report.plan_figures import draw_plan
-    from agile_jax.report.rendering_record import rendering_notes
-    from agile_jax.report.video import render_video
+    from agile_jax.report.video.rendering_record import rendering_notes
+    from agile_jax.report.video.video import render_video
 
 __all__ = ["ReportSettings", "draw_plan", "render_video", "rendering_notes", "write_report"]
 
@@ -19,8 +19,8 @@ __getattr__ = lazy_names(
     __name__,
     {
         "html": "write_report",
-        "rendering_record": "rendering_notes",
-        "plan_figures": "draw_plan",
-        "video": "render_video",
+        "video.rendering_record": "rendering_notes",
+        "figures.plan_figures": "draw_plan",
+        "video.video": "render_video",
     },
 )

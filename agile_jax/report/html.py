@@ -7,8 +7,8 @@ from agile_jax.files import write_atomic
 from agile_jax.progress import Progress, silent
 from agile_jax.report import run_figures, sections
 from agile_jax.report.page import Section, page, paragraph
-from agile_jax.report.rendering_record import write_record
 from agile_jax.report.run_figures import Inputs
+from agile_jax.report.video.rendering_record import write_record
 from agile_jax.settings import BadInput
 
 

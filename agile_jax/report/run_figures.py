@@ -14,20 +14,25 @@ from PIL import Image
 from agile_jax.expert import ExpertSettings, Trajectory, make_expert, planning_margin
 from agile_jax.files import write_atomic
 from agile_jax.report import page
-from agile_jax.report.camera import film, join, snapshots
-from agile_jax.report.closed_loop_figures import draw_arrivals, draw_error_map, draw_worst_paths, read_closed_loop
-from agile_jax.report.episode_figures import draw_episode, draw_outcomes
-from agile_jax.report.evaluation_figures import draw_qualities, draw_success_map, read_qualities
-from agile_jax.report.learning_figures import (
+from agile_jax.report.figures.episode_figures import draw_episode, draw_outcomes
+from agile_jax.report.figures.evaluation_figures import draw_qualities, draw_success_map, read_qualities
+from agile_jax.report.figures.kinematic_test_figures import (
+    draw_arrivals,
+    draw_error_map,
+    draw_worst_paths,
+    read_closed_loop,
+)
+from agile_jax.report.figures.learning_figures import (
     draw_learning_curve,
     draw_velocity_field,
     draw_velocity_field_side,
     read_metrics,
 )
-from agile_jax.report.plan_figures import draw_plan
+from agile_jax.report.figures.plan_figures import draw_plan
 from agile_jax.report.settings import ReportSettings
 from agile_jax.report.traces import Episode, choose_episode, load_episodes, load_outcomes, went_under
-from agile_jax.report.video import SIM_DT, Rendered, render_shot, write_mp4
+from agile_jax.report.video.camera import film, join, snapshots
+from agile_jax.report.video.video import SIM_DT, Rendered, render_shot, write_mp4
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
 from agile_jax.scene import Scene, SceneSettings, clearance, make_scene, planar_scene
 
@@ -117,7 +122,8 @@ def velocity_field(run_dir: pathlib.Path, inputs: Inputs) -> str:
     directory = run_dir / "training"
     if not (directory / "checkpoints").is_dir():
         return ""
-    from agile_jax.policy import load_parameters, make_policy, make_velocities  # they load JAX
+    from agile_jax.policy import make_policy, make_velocities  # they load JAX
+    from agile_jax.training import load_parameters
 
     scene = make_scene(inputs.scene)
     policy = make_policy(scene, np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration), inputs.policy)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
-from agile_jax.policy.tracker import track
+from agile_jax.policy.velocity_tracker import track
 
 # (parameters, path, pose (4,), velocity (4,), time (), dt) -> wanted velocity after dt (4,). A policy ignores path and
 # time; what follows a path ignores the parameters.

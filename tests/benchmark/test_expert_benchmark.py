@@ -11,9 +11,9 @@ import pytest
 
 from agile_jax.benchmark.expert import TABLE, benchmark_expert, report
 from agile_jax.benchmark.metrics import Metric, as_json, table
-from agile_jax.benchmark.opti_peer import make_opti_peer
-from agile_jax.benchmark.path import Path, dense_poses, integrate, measure
-from agile_jax.benchmark.rockit_peer import make_rockit_peer, rockit_is_installed
+from agile_jax.benchmark.peers.opti_peer import make_opti_peer
+from agile_jax.benchmark.peers.peer_path import Path, dense_poses, integrate, measure
+from agile_jax.benchmark.peers.rockit_peer import make_rockit_peer, rockit_is_installed
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
 from agile_jax.expert import ExpertSettings, make_expert, minimum_time, verify

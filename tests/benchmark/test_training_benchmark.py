@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from agile_jax.benchmark.training import METHODS, TRAINING_TABLE, _torch, benchmark_training, report_training
+from agile_jax.benchmark.workloads.throughput import make_products, make_workload, step_flops
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
-from agile_jax.policy import PolicySettings, TrainingSettings
-from agile_jax.policy.throughput import make_products, make_workload, step_flops
+from agile_jax.policy import PolicySettings
+from agile_jax.training import TrainingSettings
 
 SMALL = PolicySettings(hidden_layers=(64, 96))
 RATE = TrainingSettings(batch_size=128, learning_rate=0.5, initialisation="torch_uniform")

@@ -4,9 +4,9 @@ import jax
 import jax.numpy as jnp
 import pytest
 
-from agile_jax.benchmark.mpc_problems import Problems, record_problems
+from agile_jax.benchmark.workloads.mpc_problems import Problems, record_problems
 from agile_jax.control import ControlSettings
-from agile_jax.control.mpc import Qp
+from agile_jax.control.mpc.problem import Qp
 
 
 @pytest.fixture(scope="session")

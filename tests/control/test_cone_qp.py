@@ -8,11 +8,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.dense_qp import all_forces, dense_qp, violations
-from agile_jax.benchmark.mpc_peers import make_clarabel, make_piqp
+from agile_jax.benchmark.peers.dense_qp import all_forces, dense_qp, violations
+from agile_jax.benchmark.peers.qp_solvers import make_clarabel, make_piqp
 from agile_jax.control import MpcSettings
-from agile_jax.control.centroidal import force_map
-from agile_jax.control.cone_qp import (
+from agile_jax.control.mpc.centroidal import force_map
+from agile_jax.control.mpc.leg_limits import JointRows, TorqueRows
+from agile_jax.control.mpc.problem import Qp, mpc_constants
+from agile_jax.control.mpc.solver.cascade import (
     INFEASIBLE,
     NOT_FINITE,
     SOLVED,
@@ -25,9 +27,7 @@ from agile_jax.control.cone_qp import (
     make_solver,
     shift,
 )
-from agile_jax.control.leg_limits import JointRows, TorqueRows
-from agile_jax.control.mpc import Qp, mpc_constants
-from agile_jax.control.projection import project_cone
+from agile_jax.control.mpc.solver.projection import project_cone
 
 SETTINGS = MpcSettings()
 CONSTANTS = mpc_constants(SETTINGS)
@@ -152,7 +152,7 @@ def test_agrees_with_independent_solvers_on_a_walk(problems: Qp):
 @pytest.mark.slow
 @pytest.mark.parametrize("cone", ["cone", "pyramid"])
 def test_agrees_with_independent_solvers_on_a_thousand_problems(cone: str):
-    from agile_jax.benchmark.mpc_problems import record_problems
+    from agile_jax.benchmark.workloads.mpc_problems import record_problems
     from agile_jax.control import ControlSettings
 
     for qp, share in zip(record_problems(ControlSettings(), 1000), (1.0, 0.999), strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from agile_jax.control import ControlSettings, Reference, make_controller
-from agile_jax.control.cone_qp import SOLVED
+from agile_jax.control.mpc.solver.cascade import SOLVED
 from agile_jax.control.torques import gravity_torque, leg_inertia, passive_torque
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, robot_state, standing_qpos

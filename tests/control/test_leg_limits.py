@@ -7,7 +7,7 @@ import pytest
 
 from agile_jax.control import ControlSettings, Reference
 from agile_jax.control.body import measure, rotation_z
-from agile_jax.control.leg_limits import joint_rows, nominal_motion, torque_rows
+from agile_jax.control.mpc.leg_limits import joint_rows, nominal_motion, torque_rows
 from agile_jax.control.torques import GUARD_MARGIN, GUARD_TIME, SwingTarget, limit_guard, whole_body_torque
 from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import RobotSettings, RobotState, leg_forward_kinematics, leg_inverse_kinematics, load_robot

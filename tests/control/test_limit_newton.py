@@ -7,7 +7,9 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agile_jax.control.limit_newton import (
+from agile_jax.control.mpc.problem import mpc_constants
+from agile_jax.control.mpc.solver.linear_system import BATCHED, Prices, newton_step, solve
+from agile_jax.control.mpc.solver.newton import (
     REGULARISATION,
     SLOPES,
     at,
@@ -15,10 +17,8 @@ from agile_jax.control.limit_newton import (
     first_zero,
     projection_derivative,
 )
-from agile_jax.control.limit_system import BATCHED, Prices, newton_step, solve
-from agile_jax.control.mpc import mpc_constants
-from agile_jax.control.projection import PROJECTIONS
-from agile_jax.control.scaled_qp import scale
+from agile_jax.control.mpc.solver.projection import PROJECTIONS
+from agile_jax.control.mpc.solver.scaled_qp import scale
 from agile_jax.control.settings import MpcSettings
 
 CONSTANTS = mpc_constants(MpcSettings())

@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from agile_jax.control import MpcSettings
-from agile_jax.control.centroidal import BodyState, double_integrator_response, force_map
-from agile_jax.control.leg_limits import JointRows, TorqueRows
-from agile_jax.control.mpc import Qp, build_qp, mpc_constants
+from agile_jax.control.mpc.centroidal import BodyState, double_integrator_response, force_map
+from agile_jax.control.mpc.leg_limits import JointRows, TorqueRows
+from agile_jax.control.mpc.problem import Qp, build_qp, mpc_constants
 
 SETTINGS = MpcSettings()
 NODES = SETTINGS.horizon

@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agile_jax.control.projection import PROJECTIONS, shrink_into
+from agile_jax.control.mpc.solver.projection import PROJECTIONS, shrink_into
 
 FRICTION, FORCE_MAX = 0.5, 5.0
 

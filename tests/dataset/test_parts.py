@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from agile_jax.dataset import ask, expert_times
-from agile_jax.dataset.parts import complete_parts
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.scene import SceneSettings, TableSettings, make_scene
+from agile_jax.store.parts import complete_parts
 
 INLINE = partial(open_engine, "inline")
 TABLE = TableSettings(kind="table", position=(1.5, 0.0), size=(0.5, 1.0), underside=0.25)

@@ -9,13 +9,27 @@ import numpy as np
 import pytest
 
 from agile_jax.benchmark.tracking import summary
+from agile_jax.benchmark.workloads.commands import (
+    UNDISTURBED,
+    Command,
+    Loop,
+    random_commands,
+    track_commands,
+    tracking_loop,
+)
+from agile_jax.benchmark.workloads.disturbance import (
+    Disturbance,
+    SensorNoise,
+    disturbed_models,
+    draw,
+    push_force,
+    sense,
+)
 from agile_jax.control import ControlSettings
-from agile_jax.evaluation.tracking import UNDISTURBED, Command, Loop, random_commands, track_commands, tracking_loop
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
-from agile_jax.simulation.disturbance import Disturbance, SensorNoise, disturbed_models, draw, push_force, sense
 
 CONTROL, ROBOT = ControlSettings(), RobotSettings()
 

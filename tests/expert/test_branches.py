@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, make_expert
-from agile_jax.expert.branches import branch_name
-from agile_jax.expert.regions import make_free_space
-from agile_jax.expert.relevant import first_met, first_obstacles
-from agile_jax.expert.routes import find_routes
+from agile_jax.expert.search.branches import branch_name
+from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.space.nearby_obstacles import first_met, first_obstacles
+from agile_jax.expert.space.regions import make_free_space
 from agile_jax.geometry import rotation_2d
 from agile_jax.scene import SceneSettings, make_scene
 

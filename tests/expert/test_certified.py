@@ -6,9 +6,9 @@ import pytest
 from motion import largest_difference
 
 from agile_jax.expert import ExpertSettings, make_expert, minimum_time
-from agile_jax.expert.axis_program import AxisSolver, Bounds, least_effort, make_axis_grid, solve_axes
-from agile_jax.expert.effort_bound import effort_bound
-from agile_jax.expert.profile import make_grid, slowest_axis
+from agile_jax.expert.programs.axis_program import AxisSolver, Bounds, least_effort, make_axis_grid, solve_axes
+from agile_jax.expert.search.effort_bound import effort_bound
+from agile_jax.expert.search.profile import make_grid, slowest_axis
 from agile_jax.scene import SceneSettings, clearance, make_scene
 
 

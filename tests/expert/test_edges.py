@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, make_expert
-from agile_jax.expert.arguments import faces_with_rows, make_arguments
-from agile_jax.expert.braking import braked_time
-from agile_jax.expert.edges import round_edge
-from agile_jax.expert.footprint import footprint_range
-from agile_jax.expert.regions import ROUNDING_ERRORS, make_free_space, make_region
-from agile_jax.expert.routes import find_routes
-from agile_jax.expert.schemes import control_points, step
-from agile_jax.expert.transcription import Phase, build_program, solve_program
-from agile_jax.expert.turns import split_turns
+from agile_jax.expert.programs.initial_guess import faces_with_rows, make_arguments
+from agile_jax.expert.programs.schemes import control_points, step
+from agile_jax.expert.programs.transcription import Phase, build_program, solve_program
+from agile_jax.expert.search.braking_bound import braked_time
+from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.search.turns import split_turns
+from agile_jax.expert.space.edges import round_edge
+from agile_jax.expert.space.footprint import footprint_range
+from agile_jax.expert.space.regions import ROUNDING_ERRORS, make_free_space, make_region
 from agile_jax.geometry import rotation_2d
 from agile_jax.scene import SceneSettings, clearance, make_scene
 
@@ -79,7 +79,7 @@ def test_an_edge_costs_what_the_exact_margin_costs(scene):
 
 
 def test_no_longer_than_the_smoothed_peer(scene):
-    from agile_jax.benchmark.opti_peer import make_opti_peer
+    from agile_jax.benchmark.peers.opti_peer import make_opti_peer
 
     settings = ExpertSettings()
     peer = make_opti_peer(scene, settings, 5e-3)(ACTIVE)

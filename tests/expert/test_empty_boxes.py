@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from agile_jax.expert.empty_boxes import SIDES, largest_empty_boxes
+from agile_jax.expert.space.empty_boxes import SIDES, largest_empty_boxes
 
 
 def random_boxes(generator, count):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, make_expert, rejection, verify
-from agile_jax.expert.regions import make_free_space
+from agile_jax.expert.space.regions import make_free_space
 from agile_jax.scene import SceneSettings, clearance, make_scene
 
 TABLE = {"kind": "table", "position": [1.5, 0.0], "size": [0.7, 1.1], "underside": 0.25, "leg_size": [0.05, 0.05]}

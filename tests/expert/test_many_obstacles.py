@@ -5,12 +5,13 @@ import itertools
 import numpy as np
 import pytest
 
-from agile_jax.expert import ExpertSettings, make_expert, routes
-from agile_jax.expert.certified import Task, make_certified_solver, solve_certified
-from agile_jax.expert.profile import slowest_axis
-from agile_jax.expert.regions import make_free_space, make_region, regions_around
-from agile_jax.expert.relevant import along, first_met, first_obstacles, with_obstacles
-from agile_jax.expert.routes import RouteSearch, find_routes
+from agile_jax.expert import ExpertSettings, make_expert
+from agile_jax.expert.programs.certified import Task, make_certified_solver, solve_certified
+from agile_jax.expert.search import routes
+from agile_jax.expert.search.profile import slowest_axis
+from agile_jax.expert.search.routes import RouteSearch, find_routes
+from agile_jax.expert.space.nearby_obstacles import along, first_met, first_obstacles, with_obstacles
+from agile_jax.expert.space.regions import make_free_space, make_region, regions_around
 from agile_jax.expert.verify import dense_poses, least_clearance
 from agile_jax.scene import SceneSettings, clearance, make_scene, obstacle_clearances
 

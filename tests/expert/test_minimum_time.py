@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, lower_bound, minimum_time
-from agile_jax.expert.minimum_time import route_bounds, turning_legs
+from agile_jax.expert.search.minimum_time import route_bounds, turning_legs
 
 
 @pytest.mark.parametrize(("v", "a"), [(0.8, 1.5), (0.3, 1.0), (1.0, 3.0)])
@@ -50,10 +50,10 @@ def test_route_bound_of_a_detour_counts_both_legs():
 
 
 def test_bounds_stay_below_solved_routes_and_pruning_loses_nothing(expert, scene, settings):
-    from agile_jax.expert.arguments import make_arguments
-    from agile_jax.expert.regions import make_free_space, planning_margin
-    from agile_jax.expert.routes import find_routes
-    from agile_jax.expert.transcription import Phase, build_program, solve_program
+    from agile_jax.expert.programs.initial_guess import make_arguments
+    from agile_jax.expert.programs.transcription import Phase, build_program, solve_program
+    from agile_jax.expert.search.routes import find_routes
+    from agile_jax.expert.space.regions import make_free_space, planning_margin
 
     start = np.array([0.6, 0.45, 0.27, 0.2])
     programs, solved = {}, 0

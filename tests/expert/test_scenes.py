@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, check_start, compare_planners, make_expert, minimum_time
-from agile_jax.expert.footprint import footprint, footprint_range
-from agile_jax.expert.regions import make_free_space, regions_around
-from agile_jax.expert.routes import find_routes
-from agile_jax.expert.separation import clip, planar_separation
+from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.space.footprint import footprint, footprint_range
+from agile_jax.expert.space.polygons import clip, planar_separation
+from agile_jax.expert.space.regions import make_free_space, regions_around
 from agile_jax.geometry import rectangle_distance
 from agile_jax.scene import SceneSettings, clearance, make_scene, planar_scene, sample_starts
 
@@ -199,7 +199,7 @@ def test_norm_bound_of_the_planar_velocity():
 
 def test_ladder_rescues_what_the_first_rung_cannot_do(scene, monkeypatch):
     """A first rung with two iterations fails; the next one answers, and the label says so."""
-    from agile_jax.expert import transcription
+    from agile_jax.expert.programs import transcription
 
     crippled = dict(transcription.SOLVERS)
     crippled["fatrop"] = ("fatrop", transcription.FATROP | {"max_iter": 2})

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, Trajectory, integrate, make_expert, minimum_time, rejection, verify
-from agile_jax.expert.schemes import square_integral, step
+from agile_jax.expert.programs.schemes import square_integral, step
 from agile_jax.expert.verify import rate_excess
 from agile_jax.scene import SceneSettings, make_scene
 

@@ -8,11 +8,11 @@ import pytest
 from motion import largest_difference
 
 from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time, planning_margin
-from agile_jax.expert.arguments import make_arguments
-from agile_jax.expert.footprint import footprint
-from agile_jax.expert.regions import make_free_space
-from agile_jax.expert.routes import find_routes
-from agile_jax.expert.transcription import Phase, build_program, solve_program
+from agile_jax.expert.programs.initial_guess import make_arguments
+from agile_jax.expert.programs.transcription import Phase, build_program, solve_program
+from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.space.footprint import footprint
+from agile_jax.expert.space.regions import make_free_space
 from agile_jax.scene import SceneSettings, clearance, make_scene
 from agile_jax.settings import BadInput
 

@@ -5,8 +5,9 @@ import sys
 
 import numpy as np
 
-from agile_jax.policy import PolicySettings, TrainingSettings, fit_policy, make_policy
+from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.scene import Scene, SceneSettings, TableSettings, make_scene
+from agile_jax.training import TrainingSettings, fit_policy
 
 VELOCITY = np.array([0.8, 0.5, 0.3, 1.0])
 ACCELERATION = np.array([1.5, 1.5, 1.0, 3.0])

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 
-from agile_jax.policy import Followed, follow, make_follower, make_policy
-from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, STALLED, TIMEOUT
+from agile_jax.policy import make_policy
+from agile_jax.training import Followed, follow, make_follower
+from agile_jax.training.kinematic_test.follow import ARRIVED, COLLIDED, STALLED, TIMEOUT
 
 DT = 0.02
 

@@ -10,12 +10,13 @@ from synthetic import ACCELERATION, SMALL, VELOCITY, table_scene
 from test_stage import EXPERT, SCENE, straight_lines
 
 from agile_jax.dataset import DatasetSettings, samples
-from agile_jax.policy import ClosedLoopSettings, DaggerSettings, TrainingSettings, load_parameters, make_policy, train
-from agile_jax.policy.dagger import BEFORE, visited_poses
+from agile_jax.policy import make_policy
 from agile_jax.scene import clearance, make_scene
+from agile_jax.training import AggregationSettings, KinematicTestSettings, TrainingSettings, load_parameters, train
+from agile_jax.training.aggregation import BEFORE, visited_poses
 
-DAGGER = DaggerSettings(rounds=1, starts=6, queries=10, epochs=2, rate=0.5)
-CLOSED_LOOP = ClosedLoopSettings(starts=4, every=2, watched_starts=4)
+DAGGER = AggregationSettings(rounds=1, starts=6, queries=10, epochs=2, rate=0.5)
+CLOSED_LOOP = KinematicTestSettings(starts=4, every=2, watched_starts=4)
 BRIEF = TrainingSettings(batch_size=64, epochs=2, checkpoint_every=1)
 
 

@@ -13,8 +13,9 @@ import numpy as np
 import pytest
 from synthetic import ACCELERATION, BRIEF, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene, train_small
 
-from agile_jax.policy import fit_policy, load_parameters, make_policy
+from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
+from agile_jax.training import fit_policy, load_parameters
 
 HALFWAY = 4
 
@@ -109,8 +110,8 @@ elif __name__ == "__main__":  # in the process with four devices
     fit_policy(policy, *labels, four, IDENTITY, 3, root / "to four")
     with contextlib.suppress(StopError):
         fit_policy(policy, *labels, four, IDENTITY, 3, root / "to one", stop_halfway)
-    from agile_jax.policy.epochs import compile_training
-    from agile_jax.policy.training import SI, _prepare
+    from agile_jax.training.epochs import compile_training
+    from agile_jax.training.fit import SI, _prepare
 
     state, keys, samples, held_out = _prepare(policy, *labels, four, 3, SI)
     compiled = compile_training(policy, four, state, samples, held_out, keys)

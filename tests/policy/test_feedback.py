@@ -8,10 +8,11 @@ from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_
 from test_stage import EXPERT, SCENE, SETTINGS, straight_lines
 
 from agile_jax.dataset import DatasetSettings, split_mask
-from agile_jax.policy import ClosedLoopSettings, follow, make_policy, train
-from agile_jax.policy.closed_loop import ARRIVED
-from agile_jax.policy.stage import policy_samples
-from agile_jax.policy.tracker import track
+from agile_jax.policy import make_policy
+from agile_jax.policy.velocity_tracker import track
+from agile_jax.training import KinematicTestSettings, follow, train
+from agile_jax.training.kinematic_test.follow import ARRIVED
+from agile_jax.training.stage import policy_samples
 
 FEEDBACK = SMALL.model_copy(update={"kind": "feedback"})
 DT = 0.02
@@ -75,7 +76,7 @@ def test_it_learns_the_accelerations_of_the_states(settings):
 
 
 def test_training_stage_trains_it(tmp_path):
-    loops = ClosedLoopSettings(starts=8, every=3, watched_starts=8)
+    loops = KinematicTestSettings(starts=8, every=3, watched_starts=8)
     settings = SETTINGS.model_copy(update={"epochs": 30})
     summary = train(straight_lines(), SCENE, EXPERT, FEEDBACK, settings, 0, tmp_path, closed_loop_settings=loops)
     assert summary["test_mse"] < 0.7 * summary["label_variance"]

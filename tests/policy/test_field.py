@@ -5,13 +5,14 @@ import pytest
 from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 
 from agile_jax.expert import ExpertSettings, make_expert
-from agile_jax.policy import PolicySettings, braking_law, follow, make_policy, parameter_count
+from agile_jax.policy import PolicySettings, braking_law, make_policy, parameter_count
 from agile_jax.policy.braking import rest_to_rest_time
-from agile_jax.policy.closed_loop import ARRIVED, COLLIDED
 from agile_jax.policy.features import face_distances
-from agile_jax.policy.planes import separating_planes
-from agile_jax.policy.speed_limit import brake_before_obstacles
+from agile_jax.policy.separating_planes import separating_planes
+from agile_jax.policy.speed_filter import brake_before_obstacles
 from agile_jax.scene import BoxSettings, SceneSettings, TableSettings, clearance, make_scene, obstacle_clearances
+from agile_jax.training import follow
+from agile_jax.training.kinematic_test.follow import ARRIVED, COLLIDED
 
 PAPER_LAYERS = (256, 1024, 1024, 1024, 1024, 256)
 

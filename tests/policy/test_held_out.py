@@ -5,10 +5,17 @@ import pytest
 
 from agile_jax.dataset.starts import draw_start
 from agile_jax.expert import ExpertSettings, planning_margin
-from agile_jax.policy import ClosedLoopSettings
-from agile_jax.policy.closed_loop import ARRIVED, COLLIDED, STALLED, TIMEOUT, Followed
-from agile_jax.policy.held_out import DAGGER_STREAM, TEST_STREAM, WATCH_STREAM, summarise, unseen_starts, worst_rows
 from agile_jax.scene import SceneSettings, TableSettings, clearance, make_scene
+from agile_jax.training import KinematicTestSettings
+from agile_jax.training.kinematic_test.follow import ARRIVED, COLLIDED, STALLED, TIMEOUT, Followed
+from agile_jax.training.kinematic_test.held_out import (
+    DAGGER_STREAM,
+    TEST_STREAM,
+    WATCH_STREAM,
+    summarise,
+    unseen_starts,
+    worst_rows,
+)
 
 TABLE = TableSettings(kind="table", position=(1.5, 0.0), size=(0.5, 1.0), underside=0.25)
 SCENE, EXPERT = SceneSettings(obstacles=(TABLE,)), ExpertSettings()
@@ -33,19 +40,19 @@ def test_starts_are_free_and_of_streams_of_their_own():
 
 def test_summary_counts_each_outcome_and_takes_quantiles_of_those_that_arrived():
     followed = loops([ARRIVED] * 6 + [COLLIDED, COLLIDED, STALLED, TIMEOUT], np.linspace(-0.02, 0.07, 10), range(10))
-    found = summarise(followed, np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5]), ClosedLoopSettings())
+    found = summarise(followed, np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5]), KinematicTestSettings())
     assert (found["field_arrived_rate"], found["field_collision_rate"]) == (0.6, 0.2)
     assert (found["field_stall_rate"], found["field_timeout_rate"]) == (0.1, 0.1)
     assert found["field_time_ratio_median"] == 1.2
     assert found["field_final_error_m_max"] == 9
     assert found["field_min_clearance_m"] == -0.02
-    nothing = summarise(loops([STALLED], [np.inf]), np.empty(0), ClosedLoopSettings())
+    nothing = summarise(loops([STALLED], [np.inf]), np.empty(0), KinematicTestSettings())
     assert nothing["field_time_ratio_median"] is None
     assert nothing["field_min_clearance_m"] is None
 
 
 def test_worst_rows_are_the_failures_then_the_nearest_then_the_latest(monkeypatch):
-    monkeypatch.setattr("agile_jax.policy.held_out.WORST", 2)
+    monkeypatch.setattr("agile_jax.training.kinematic_test.held_out.WORST", 2)
     followed = loops([ARRIVED, STALLED, ARRIVED, ARRIVED, ARRIVED], [0.3, 0.4, 0.01, 0.2, 0.02])
     rows = worst_rows(followed, np.array([1.0, np.inf, 1.1, 1.4, 1.5]))
     assert rows.tolist() == [1, 2, 4, 3]

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from agile_jax.policy import gamma_test
+from agile_jax.training import gamma_test
 
 
 def lines(count, nodes, dimension=4, seed=0):

@@ -9,10 +9,10 @@ import pytest
 from pydantic import ValidationError
 
 from agile_jax.experiment import Experiment, with_overrides
-from agile_jax.policy import TrainingSettings
-from agile_jax.policy.optimizer import OPTIMIZERS, SCHEDULES, make_optimizer, make_schedule
-from agile_jax.policy.settings import WITH_MOMENTUM, WITH_WEIGHT_DECAY, Optimizer, Schedule
 from agile_jax.settings import BadInput
+from agile_jax.training import TrainingSettings
+from agile_jax.training.optimizer import OPTIMIZERS, SCHEDULES, make_optimizer, make_schedule
+from agile_jax.training.settings import WITH_MOMENTUM, WITH_WEIGHT_DECAY, Optimizer, Schedule
 
 # Their steps are not in proportion to the gradient, or begin tiny, so a rate that suits one does not suit all.
 RATES = {"adadelta": 30.0, "lamb": 0.05, "lars": 30.0, "sgd": 0.3, "adagrad": 0.3, "novograd": 0.3}

@@ -7,8 +7,8 @@ import pytest
 from synthetic import ACCELERATION, VELOCITY, smooth_labels, table_scene
 
 from agile_jax.policy import PolicySettings, make_policy
-from agile_jax.policy.epochs import encode_samples, squared_errors
-from agile_jax.policy.precision import make_product, products, rounded
+from agile_jax.training.epochs import encode_samples, squared_errors
+from agile_jax.training.precision import make_product, products, rounded
 
 UNIT_ROUNDOFF = {"float32": 2.0**-24, "tensorfloat32": 2.0**-11, "bfloat16": 2.0**-8}
 NETWORK = PolicySettings(kind="plain", hidden_layers=(64, 96, 64))

@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from synthetic import BRIEF, IDENTITY, SMALL, smooth_labels, train_small
 
-from agile_jax.policy import fit_policy, load_parameters, make_policy
-from agile_jax.policy.checkpoint import restore_checkpoint
-from agile_jax.policy.optimizer import make_optimizer
+from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
+from agile_jax.training import fit_policy, load_parameters
+from agile_jax.training.checkpoint import restore_checkpoint
+from agile_jax.training.optimizer import make_optimizer
 
 
 def final(directory, policy, settings=BRIEF):

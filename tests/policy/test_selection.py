@@ -5,9 +5,10 @@ import numpy as np
 import pytest
 from synthetic import ACCELERATION, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene
 
-from agile_jax.policy import TrainingSettings, fit_policy, load_parameters, make_policy
-from agile_jax.policy.checkpoint import restore_checkpoint
-from agile_jax.policy.selection import chosen_seed, kept_epochs, stops, validation_errors
+from agile_jax.policy import make_policy
+from agile_jax.training import TrainingSettings, fit_policy, load_parameters
+from agile_jax.training.checkpoint import restore_checkpoint
+from agile_jax.training.selection import chosen_seed, kept_epochs, stops, validation_errors
 
 LABELS = smooth_labels(500), smooth_labels(100, 1)
 # So high a rate that the validation error goes up and down.

@@ -7,15 +7,16 @@ from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene
 
 from agile_jax.dataset import Dataset, DatasetSettings, samples
 from agile_jax.expert import ExpertSettings
-from agile_jax.policy import ClosedLoopSettings, TrainingSettings, load_parameters, make_policy, parameter_count, train
+from agile_jax.policy import make_policy, parameter_count
 from agile_jax.scene import SceneSettings, StartSettings
 from agile_jax.settings import BadInput
+from agile_jax.training import KinematicTestSettings, TrainingSettings, load_parameters, train
 
 REQUIRED = {"train_mse", "validation_mse", "test_mse", "noise_floor_mse"}
 REQUIRED |= {"seconds", "compile_seconds", "epochs", "parameters", "device"}
 EXPERT = ExpertSettings(velocity=tuple(VELOCITY), acceleration=tuple(ACCELERATION))
 SETTINGS = TrainingSettings(batch_size=64, epochs=3)
-LOOPS = ClosedLoopSettings(starts=16)
+LOOPS = KinematicTestSettings(starts=16)
 SCENE = SceneSettings(
     start=StartSettings(mean=(2.4, 0.0, 0.27, 0.0), std=(0.2, 0.2, 0.01, 0.0))
 )  # where the labels are

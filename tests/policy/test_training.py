@@ -8,9 +8,10 @@ import pytest
 from pydantic import ValidationError
 from synthetic import ACCELERATION, BRIEF, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene, train_small
 
-from agile_jax.policy import PolicySettings, TrainingSettings, fit_policy, load_parameters, make_policy
-from agile_jax.policy.epochs import TrainState, encode_samples, make_step, mean_squared_error
+from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.settings import BadInput
+from agile_jax.training import TrainingSettings, fit_policy, load_parameters
+from agile_jax.training.epochs import TrainState, encode_samples, make_step, mean_squared_error
 
 
 def same(a, b):
@@ -73,7 +74,7 @@ def test_one_sgd_step_equals_backpropagation_by_hand(kind):
 
 
 def test_mean_squared_error_over_blocks_equals_the_mean(monkeypatch):
-    monkeypatch.setattr("agile_jax.policy.epochs.BLOCK", 64)
+    monkeypatch.setattr("agile_jax.training.epochs.BLOCK", 64)
     policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
     poses, velocities = smooth_labels(150)
     samples = encode_samples(policy, poses, velocities)

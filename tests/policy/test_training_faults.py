@@ -18,9 +18,10 @@ import pytest
 from synthetic import ACCELERATION, BRIEF, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene, train_small
 from test_resumption import assert_same_ending, make_policy_of_tests
 
-from agile_jax.policy import fit_policy, make_policy
-from agile_jax.policy.checkpoint import restore_checkpoint
+from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
+from agile_jax.training import fit_policy
+from agile_jax.training.checkpoint import restore_checkpoint
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")  # of Orbax, closing its event loop

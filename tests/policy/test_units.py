@@ -7,9 +7,10 @@ from synthetic import ACCELERATION, TARGET, VELOCITY, empty_scene
 from test_stage import EXPERT, LOOPS, SCENE, straight_lines
 
 from agile_jax.dataset import DatasetSettings, labels, samples, split_mask
-from agile_jax.policy import PolicySettings, TrainingSettings, load_parameters, make_policy, train
-from agile_jax.policy.units import make_units
+from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.settings import BadInput
+from agile_jax.training import TrainingSettings, load_parameters, train
+from agile_jax.training.units import make_units
 
 PLAIN = PolicySettings(kind="plain", hidden_layers=(16, 16))
 SETTINGS = TrainingSettings(batch_size=64, epochs=3)

@@ -6,9 +6,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from agile_jax.report.camera import ELEVATION, VIEW_HEIGHT, Shot, axes_of_view
-from agile_jax.report.drawing import Projection, draw_frame
-from agile_jax.report.opengl import RenderError, opengl_frames
+from agile_jax.report.video.camera import ELEVATION, VIEW_HEIGHT, Shot, axes_of_view
+from agile_jax.report.video.drawing import Projection, draw_frame
+from agile_jax.report.video.opengl import RenderError, opengl_frames
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
 from agile_jax.scene import Scene
 
@@ -73,7 +73,7 @@ def test_the_camera_is_mujocos():
     """Right, up and forward by the axes that MuJoCo gives its free camera."""
     model = mujoco.MjModel.from_xml_string("<mujoco/>")
     scene, camera, data = mujoco.MjvScene(model, 10), mujoco.MjvCamera(), mujoco.MjData(model)
-    from agile_jax.report.camera import AZIMUTH
+    from agile_jax.report.video.camera import AZIMUTH
 
     camera.azimuth, camera.elevation, camera.distance = AZIMUTH, ELEVATION, 2.0
     mujoco.mjv_updateScene(model, data, mujoco.MjvOption(), None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene)

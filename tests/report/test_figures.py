@@ -10,17 +10,22 @@ from PIL import Image
 
 from agile_jax.expert import Trajectory
 from agile_jax.report import draw_plan
-from agile_jax.report.closed_loop_figures import draw_arrivals, draw_error_map, draw_worst_paths, read_closed_loop
-from agile_jax.report.episode_figures import draw_episode, draw_outcomes
-from agile_jax.report.evaluation_figures import draw_qualities, draw_success_map, read_qualities
-from agile_jax.report.learning_figures import (
+from agile_jax.report.figures.episode_figures import draw_episode, draw_outcomes
+from agile_jax.report.figures.evaluation_figures import draw_qualities, draw_success_map, read_qualities
+from agile_jax.report.figures.kinematic_test_figures import (
+    draw_arrivals,
+    draw_error_map,
+    draw_worst_paths,
+    read_closed_loop,
+)
+from agile_jax.report.figures.learning_figures import (
     draw_learning_curve,
     draw_velocity_field,
     draw_velocity_field_side,
     read_metrics,
 )
-from agile_jax.report.scene_drawing import box_outline
-from agile_jax.report.style import BLUE, GREEN, RED
+from agile_jax.report.figures.scene_drawing import box_outline
+from agile_jax.report.figures.style import BLUE, GREEN, RED
 from agile_jax.report.traces import Episode, Outcomes, below_obstacle
 from agile_jax.scene import SceneSettings, TableSettings, make_scene
 from agile_jax.settings import BadInput

@@ -10,10 +10,10 @@ import pytest
 from known_run import MOMENTS, SECONDS, crawl
 
 from agile_jax.report import ReportSettings, render_video
-from agile_jax.report.camera import film, snapshots
-from agile_jax.report.opengl import RenderError, candidates, opengl_frames
 from agile_jax.report.traces import Episode
-from agile_jax.report.video import SIM_DT, render_shot, write_mp4
+from agile_jax.report.video.camera import film, snapshots
+from agile_jax.report.video.opengl import RenderError, candidates, opengl_frames
+from agile_jax.report.video.video import SIM_DT, render_shot, write_mp4
 from agile_jax.robot import RobotSettings, build_mujoco_model
 from agile_jax.settings import BadInput
 
@@ -108,7 +108,10 @@ def test_a_failing_encoder_leaves_no_file(tmp_path):
 
 @pytest.mark.parametrize(
     ("module", "absent"),
-    [("agile_jax.report", ("jax", "matplotlib", "mujoco", "PIL")), ("agile_jax.report.opengl", ("jax", "matplotlib"))],
+    [
+        ("agile_jax.report", ("jax", "matplotlib", "mujoco", "PIL")),
+        ("agile_jax.report.video.opengl", ("jax", "matplotlib")),
+    ],
 )
 def test_heavy_libraries_are_loaded_only_where_needed(module, absent):
     code = f"import sys, {module}; print([name for name in {absent!r} if name in sys.modules])"

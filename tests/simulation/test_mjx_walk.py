@@ -6,12 +6,12 @@ import mujoco
 import numpy as np
 import pytest
 
+from agile_jax.benchmark.workloads.commands import UNDISTURBED, Command, random_commands, tracking_loop
+from agile_jax.benchmark.workloads.disturbance import draw
 from agile_jax.control import ControlSettings
-from agile_jax.evaluation.tracking import UNDISTURBED, Command, random_commands, tracking_loop
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics
-from agile_jax.simulation.disturbance import draw
 from agile_jax.simulation.mjx_physics import mjx_init, mjx_reset, mjx_step
 from agile_jax.simulation.mujoco_slots import as_float32
 

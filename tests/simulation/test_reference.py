@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agile_jax.control import ControlSettings
-from agile_jax.policy.tracker import track
+from agile_jax.policy.velocity_tracker import track
 from agile_jax.simulation.paths import Path, path_command
 from agile_jax.simulation.reference import ReferenceState, drive, hold_within_leash, plan_reference
 

@@ -1,0 +1,1 @@
+"""What we are compared with: each peer as its authors recommend it."""

@@ -1,0 +1,1 @@
+"""What a benchmark runs: recorded problems, commands, disturbances, training steps."""

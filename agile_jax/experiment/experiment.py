@@ -1,0 +1,191 @@
+"""An experiment: one question, one file, all settings of all stages.
+
+`load_experiment` reads a TOML file (with `extends`), applies overrides and validates everything at once. A stage's
+hash covers exactly the settings on which its result depends, so that equal hashes mean an equal result.
+"""
+
+import pathlib
+import re
+from collections.abc import Mapping
+from typing import Annotated, Any
+
+import tomli_w
+from pydantic import Field, field_validator, model_validator
+
+from agile_jax.control.settings import ControlSettings
+from agile_jax.dataset.settings import DatasetSettings
+from agile_jax.evaluation.settings import EvaluationSettings
+from agile_jax.experiment.file import Table, origin, override, read_table
+from agile_jax.experiment.validation import field_comments, nested_models, validate
+from agile_jax.expert.settings import ExpertSettings, check_scene
+from agile_jax.files import hash_json, sha256
+from agile_jax.policy.settings import PolicySettings
+from agile_jax.report.settings import ReportSettings
+from agile_jax.robot.settings import OWN, RobotSettings, check_envelope
+from agile_jax.scene.settings import SceneSettings
+from agile_jax.settings import Settings
+from agile_jax.sweep.settings import SweepSettings
+from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
+
+STAGES = ("dataset", "training", "evaluation", "report")
+
+_READS = {  # the sections that a stage reads beyond those of the stages before it
+    "dataset": ("seed", "scene", "expert", "dataset"),
+    "training": ("policy", "training", "closed_loop", "dagger"),
+    "evaluation": ("robot", "control", "evaluation"),
+    "report": ("report",),
+}
+_CHANGES_NOTHING = {  # settings of these sections on which no result depends
+    "training": {"checkpoint_every", "devices", "keep"},
+}
+_CHANGES_NO_LABEL = {"dataset": {"samples", "split_by", "start_seconds", "target"}}  # what training makes of them
+
+
+class Experiment(Settings):
+    """The settings of every stage. A file needs only a name: the defaults are the paper's scene without its table."""
+
+    name: str  # of the run directory; letters, digits, - and _
+    seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    scene: SceneSettings = SceneSettings()
+    expert: ExpertSettings = ExpertSettings()
+    dataset: DatasetSettings = DatasetSettings()
+    policy: PolicySettings = PolicySettings()
+    training: TrainingSettings = TrainingSettings()
+    closed_loop: KinematicTestSettings = KinematicTestSettings()
+    dagger: AggregationSettings = AggregationSettings()
+    robot: RobotSettings = RobotSettings()
+    control: ControlSettings = ControlSettings()
+    evaluation: EvaluationSettings = EvaluationSettings()
+    report: ReportSettings = ReportSettings()
+    sweep: SweepSettings | None = None
+
+    @field_validator("name")
+    @classmethod
+    def _name_is_a_slug(cls, name: str) -> str:
+        if not re.fullmatch(r"[A-Za-z0-9][A-Za-z0-9_-]{0,63}", name):
+            raise ValueError(
+                "must be 1 to 64 letters, digits, - or _, and begin with a letter or digit: it names a folder"
+            )
+        return name
+
+    @model_validator(mode="after")
+    def _sweep_can_be_measured(self) -> "Experiment":
+        if self.sweep is not None:
+            stage, *rest = self.sweep.metric.split(".")
+            if stage == "evaluation" and rest[0] not in self._backends():
+                raise ValueError(
+                    f"sweep.metric = {self.sweep.metric!r}: no trial has an evaluation by {rest[0]!r}; "
+                    f"evaluation.backend gives {', '.join(self._backends())}"
+                )
+        return self
+
+    @model_validator(mode="after")
+    def _plans_can_end(self) -> "Experiment":
+        check_scene(self.scene, self.expert)
+        return self
+
+    @model_validator(mode="after")
+    def _envelope_covers_the_robot(self) -> "Experiment":
+        check_envelope(self.scene.torso_half_size, self.robot)
+        return self
+
+    @model_validator(mode="after")
+    def _filter_lets_the_labels_pass(self) -> "Experiment":
+        filtered = self.policy.kind != "plain" and self.policy.field_filter and self.scene.obstacles
+        if filtered and self.policy.filter_margin >= self.expert.clearance_margin:
+            raise ValueError(
+                f"policy.filter_margin = {self.policy.filter_margin} must be below expert.clearance_margin = "
+                f"{self.expert.clearance_margin}, or the filter would stop the field where the labels pass; "
+                "lower it, or set policy.field_filter = false"
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _expert_can_answer(self) -> "Experiment":
+        if self.dagger.rounds and (self.policy.kind == "feedback" or self.expert.initial_velocity != "free"):
+            raise ValueError(
+                f"dagger.rounds = {self.dagger.rounds} asks the expert for the best velocity at a pose, which only "
+                'policies that learn it can use: it needs expert.initial_velocity = "free" and policy.kind = "plain" '
+                'or "residual"; set dagger.rounds = 0'
+            )
+        return self
+
+    @model_validator(mode="after")
+    def _feedback_has_labels(self) -> "Experiment":
+        if self.policy.kind == "feedback" and self.expert.initial_velocity != "rest":
+            raise ValueError(
+                'policy.kind = "feedback" learns how to speed up, too: it needs expert.initial_velocity = "rest"'
+            )
+        return self
+
+    def _backends(self) -> tuple[str, ...]:
+        assert self.sweep is not None
+        listed = tuple(point["evaluation.backend"] for point in self.sweep.points if "evaluation.backend" in point)
+        return self.sweep.space.get("evaluation.backend", (self.evaluation.backend, *listed))
+
+
+def load_experiment(path: pathlib.Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
+    """Read, merge, override and validate an experiment file.
+
+    Args:
+        path: a TOML file.
+        overrides: values by dotted key, for example {"training.learning_rate": 0.1}.
+
+    Raises:
+        BadInput: with every error, one a line: file, dotted key, value, what is allowed, nearest valid name.
+    """
+    return _make(override(read_table(path), overrides or {}))
+
+
+def with_overrides(experiment: Experiment, overrides: Mapping[str, Any], source: str) -> Experiment:
+    """The experiment with other values by dotted key, validated as a file is; `source` names them in messages."""
+    table = Table(experiment.model_dump(mode="json"), {}, source)
+    return _make(override(table, overrides, source))
+
+
+def to_toml(experiment: Experiment) -> str:
+    """The experiment as a file that loads to the same experiment, without the keys that have no value."""
+    return tomli_w.dumps(experiment.model_dump(mode="json", exclude_none=True))
+
+
+def stage_settings(experiment: Experiment, stage: str) -> dict[str, Any]:
+    """The settings on which a stage's result depends, by section: its own and those of the stages before."""
+    sections = [section for earlier in STAGES[: STAGES.index(stage) + 1] for section in _READS[earlier]]
+    ignored = _CHANGES_NOTHING | (_CHANGES_NO_LABEL if stage == "dataset" else {})
+    settings = experiment.model_dump(
+        mode="json", include=set(sections), exclude={key: ignored[key] for key in ignored.keys() & set(sections)}
+    )
+    if "robot" in settings and experiment.robot.name != OWN:
+        settings["robot"]["file_sha256"] = sha256(pathlib.Path(experiment.robot.name).read_bytes())
+    return settings
+
+
+def stage_hash(experiment: Experiment, stage: str) -> str:
+    """The sha256 of `stage_settings` in canonical JSON."""
+    return hash_json(stage_settings(experiment, stage))
+
+
+def experiment_hash(experiment: Experiment) -> str:
+    """The sha256 of all settings but the name and the sweep, which change no result."""
+    return stage_hash(experiment, STAGES[-1])
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON schema of experiment files, for editors; the comments behind the fields are its descriptions."""
+    schema = Experiment.model_json_schema()
+    schema["properties"]["extends"] = {
+        "type": "string",
+        "description": "another experiment file, relative to this one, whose values hold where this file sets none",
+    }
+    models = [Experiment]
+    for model in models:
+        definition = schema if model is Experiment else schema["$defs"].get(model.__name__, {})
+        for name, comment in field_comments(model).items():
+            definition["properties"][name].setdefault("description", comment)
+        inner = [found for field in model.model_fields.values() for found in nested_models(field.annotation)]
+        models.extend(found for found in dict.fromkeys(inner) if found not in models)  # type: ignore[misc]
+    return schema
+
+
+def _make(table: Table) -> Experiment:
+    return validate(Experiment, table.values, lambda where: origin(table, where))

@@ -1,0 +1,73 @@
+"""Names of the ways past the obstacles. They are properties of the path alone, not of how it was found."""
+
+import numpy as np
+
+from agile_jax.expert.space.regions import obstacle_boxes
+from agile_jax.scene import Scene
+
+BRANCH_ORDER = (
+    "direct",
+    "under",
+    "left",
+    "right",
+    "over",
+)  # of equally good routes the first wins; others follow by name
+TOUCHING = 1e-6  # [m] a path along a face is beside the obstacle
+
+
+def branch_rank(branch: str) -> tuple[int, str]:
+    """Sorting key of the fixed order in which ties between routes are broken."""
+    return (BRANCH_ORDER.index(branch) if branch in BRANCH_ORDER else len(BRANCH_ORDER), branch)
+
+
+def branch_name(scene: Scene, poses: np.ndarray) -> str:
+    """How a path passes the obstacles, in the words of whoever walks along it.
+
+    Per obstacle of the settings, whatever it is made of: "under" or "over" when the torso is ever below or above it,
+        also between its legs; else, unless the whole path lies beyond one of its faces, "left" or "right" by the way in
+        which the path goes round it ("left": the obstacle stays on the right). Joined by "+" for several obstacles;
+        "direct" when nothing of it applies.
+
+    Args:
+        scene: with all obstacles.
+        poses: of the nodes, shape (T+1, 4).
+    """
+    names = []
+    torso, heights = scene.torso_half_size, poses[:, 2]
+    for boxes in obstacle_boxes(scene):
+        center, half = scene.obstacle_centers[boxes[0]], scene.obstacle_half_sizes[boxes[0]]  # around all of them
+        yaw = scene.obstacle_yaws[boxes[0]]
+        apart = poses[:, :2] - center[:2]
+        cos, sin = np.abs(np.cos(poses[:, 3] - yaw)), np.abs(np.sin(poses[:, 3] - yaw))
+        along, across = _turned(apart, yaw)
+        reach_along = half[0] + torso[0] * cos + torso[1] * sin
+        reach_across = half[1] + torso[0] * sin + torso[1] * cos
+        own_along, own_across = _turned(apart, poses[:, 3])
+        overlaps = (
+            (np.abs(along) < reach_along - TOUCHING)
+            & (np.abs(across) < reach_across - TOUCHING)
+            & (np.abs(own_along) < torso[0] + half[0] * cos + half[1] * sin - TOUCHING)
+            & (np.abs(own_across) < torso[1] + half[0] * sin + half[1] * cos - TOUCHING)
+        )
+        if overlaps.any():
+            names.append("under" if heights[overlaps.argmax()] < center[2] else "over")
+            continue
+        low = min(float(scene.obstacle_centers[box, 2] - scene.obstacle_half_sizes[box, 2]) for box in boxes)
+        beyond = (
+            (along >= reach_along).all()
+            or (along <= -reach_along).all()
+            or (across >= reach_across).all()
+            or (across <= -reach_across).all()
+            or bool((heights + torso[2] <= low).all())
+            or bool((heights - torso[2] >= center[2] + half[2]).all())
+        )
+        if not beyond:
+            turned = np.unwrap(np.arctan2(apart[:, 1], apart[:, 0]))
+            names.append("left" if turned[-1] < turned[0] else "right")
+    return "+".join(dict.fromkeys(names)) or "direct"
+
+
+def _turned(points: np.ndarray, yaw: float | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Coordinates of points, shape (n, 2), along axes that are turned by a yaw, shape (n,) each."""
+    cos, sin, (x, y) = np.cos(yaw), np.sin(yaw), points.T
+    return cos * x + sin * y, cos * y - sin * x

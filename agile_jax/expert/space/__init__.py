@@ -1,0 +1,1 @@
+"""Free space: the convex regions of poses between the obstacles, and how they join."""

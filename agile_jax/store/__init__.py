@@ -1,0 +1,1 @@
+"""What is kept on disk: parts of work, run directories, and what each depends on."""

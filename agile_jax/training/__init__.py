@@ -1,0 +1,44 @@
+"""The training: from the expert's labels to a policy, and the learner's own test of it.
+
+Only the settings are imported with the package; the rest loads JAX when first used.
+"""
+
+from typing import TYPE_CHECKING
+
+from agile_jax.lazy import lazy_names
+from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
+
+if TYPE_CHECKING:
+    from agile_jax.training.checkpoint import load_parameters
+    from agile_jax.training.fit import Fitted, fit_policy
+    from agile_jax.training.kinematic_test.follow import OUTCOMES, Followed, Follower, follow, make_follower
+    from agile_jax.training.noise_floor import GammaTest, gamma_test
+    from agile_jax.training.stage import train
+
+__all__ = [
+    "OUTCOMES",
+    "AggregationSettings",
+    "Fitted",
+    "Followed",
+    "Follower",
+    "GammaTest",
+    "KinematicTestSettings",
+    "TrainingSettings",
+    "fit_policy",
+    "follow",
+    "gamma_test",
+    "load_parameters",
+    "make_follower",
+    "train",
+]
+
+__getattr__ = lazy_names(
+    __name__,
+    {
+        "checkpoint": "load_parameters",
+        "kinematic_test.follow": "OUTCOMES Followed Follower follow make_follower",
+        "noise_floor": "GammaTest gamma_test",
+        "stage": "train",
+        "fit": "Fitted fit_policy",
+    },
+)
