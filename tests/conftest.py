@@ -7,6 +7,12 @@ os.environ.setdefault("JAX_PLATFORMS", "cpu")
 
 import jax
 import pytest
+from jaxtyping import install_import_hook
+
+CHECKED = [  # packages whose annotations, shapes too, are checked at every call in these tests
+    "agile_jax.geometry",
+]
+install_import_hook(CHECKED, "beartype.beartype")
 
 
 def pytest_configure(config: pytest.Config) -> None:
