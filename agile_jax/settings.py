@@ -10,9 +10,14 @@ class BadInput(ValueError):  # noqa: N818
 
 
 class Settings(BaseModel):
-    """Base of all settings: unknown keys, wrong types and NaN are refused; instances cannot change."""
+    """Base of all settings: unknown keys, wrong types and NaN are refused; instances cannot change.
 
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+    The string below each field, with meaning and unit, is its text in `--help` and in the schema.
+    """
+
+    model_config = ConfigDict(
+        extra="forbid", strict=True, frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 Positive = Annotated[float, Field(gt=0)]

@@ -245,5 +245,19 @@ def test_the_schema_knows_the_keys_of_shipped_files() -> None:
 
     for path in SHIPPED:
         check(tomllib.loads(path.read_text()), schema)
-    assert schema["$defs"]["TableSettings"]["properties"]["position"]["description"] == "centre in the plane [m]"
+    assert schema["$defs"]["TableSettings"]["properties"]["position"]["description"] == "Centre in the plane [m]."
     assert schema["additionalProperties"] is False
+
+
+def test_no_setting_is_bare() -> None:
+    """Every setting says in the schema, and so in --help, what it means."""
+    schema = json_schema()
+    models = {"Experiment": schema, **schema["$defs"]}
+    bare = [
+        f"{model}.{key}"
+        for model, at in models.items()
+        for key, about in at["properties"].items()
+        if not about.get("description")
+    ]
+    assert sum(len(at["properties"]) for at in models.values()) > 130
+    assert not bare

@@ -14,7 +14,7 @@ import tyro
 from pydantic import BaseModel
 
 from agile_jax.experiment import Experiment, load_experiment
-from agile_jax.experiment.validation import field_comments, nested_models
+from agile_jax.experiment.validation import nested_models
 from agile_jax.settings import BadInput
 
 Options = TypeVar("Options")
@@ -70,7 +70,6 @@ def mirrored(model: BaseModel) -> Any:
 
     Left out, since a flag cannot express it: dictionaries, empty arrays of models, and the sweep.
     """
-    comments = field_comments(type(model))
     fields, values = [], []
     for name, field in type(model).model_fields.items():
         value = getattr(model, name)
@@ -84,7 +83,7 @@ def mirrored(model: BaseModel) -> Any:
         elif isinstance(value, dict) or any(nested_models(field.annotation)):
             continue
         else:
-            kind = Annotated[field.annotation, tyro.conf.arg(help=comments.get(name, ""))]
+            kind = Annotated[field.annotation, tyro.conf.arg(help=" ".join((field.description or "").split()))]
         if name != "sweep":
             fields.append((name, kind))
             values.append(value)

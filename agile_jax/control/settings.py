@@ -12,62 +12,95 @@ NonNegativeVector3 = Annotated[tuple[NonNegative, NonNegative, NonNegative], Fie
 class GaitSettings(Settings):
     """Trot (diagonal legs together), walk (one leg at a time) and stand. Between two speeds values are interpolated."""
 
-    period: Positive = 0.28  # of the trot, at full_speed and above [s]
-    slow_period: Positive = 0.28  # of the trot, stepping on the spot [s]
-    duty: Annotated[float, Field(gt=0, lt=1)] = 0.55  # fraction of the period that a foot stands, trotting
-    walk_speed: NonNegative = (
-        0.0  # the robot walks where the reference is slower, else it trots; 0: it never walks [m/s]
-    )
-    walk_period: Positive = 0.6  # [s]
-    walk_duty: Annotated[float, Field(gt=0.75, lt=1)] = 0.8  # above 3/4, or two feet would be in the air at once
-    stand_speed: NonNegative = (
-        0.03  # it stands where the reference is slower than this; 0: it never stops stepping [m/s]
-    )
-    step_height: Positive = 0.05  # lift of a foot at full_speed and above [m]
-    slow_step_height: Positive = 0.05  # the same, stepping on the spot [m]
-    full_speed: Positive = 0.5  # [m/s]
-    # The knee's limit leaves (trunk height - 0.108 m) of lift in an A1; a step takes at most this share of it.
+    period: Positive = 0.28
+    """Period of the trot at `full_speed` and above [s]."""
+    slow_period: Positive = 0.28
+    """Period of the trot on the spot [s]."""
+    duty: Annotated[float, Field(gt=0, lt=1)] = 0.55
+    """Fraction of the trot's period that a foot stands [-]."""
+    walk_speed: NonNegative = 0.0
+    """The robot walks where the reference is slower than this, else it trots; 0: it never walks [m/s]."""
+    walk_period: Positive = 0.6
+    """Period of the walk [s]."""
+    walk_duty: Annotated[float, Field(gt=0.75, lt=1)] = 0.8
+    """Fraction of the walk's period that a foot stands [-]; at 3/4 or less two feet would be in the air at once."""
+    stand_speed: NonNegative = 0.03
+    """The robot stands where the reference is slower than this; 0: it never stops stepping [m/s]."""
+    step_height: Positive = 0.05
+    """Lift of a foot at `full_speed` and above [m]."""
+    slow_step_height: Positive = 0.05
+    """Lift of a foot of a robot that steps on the spot [m]."""
+    full_speed: Positive = 0.5
+    """Speed from which period and lift are those of the fast trot [m/s]; below it they are interpolated."""
     headroom_fraction: Annotated[float, Field(gt=0, le=1)] = 0.4
+    """Largest share of the lift that the knee's limit leaves (in an A1 trunk height - 0.108 m) that a step takes [-].
+    """
 
 
 class MpcSettings(Settings):
     """Convex model predictive control (Di Carlo et al. 2018). Weights are per node, in SI units, on squared errors."""
 
-    horizon: Count = 10  # nodes
-    mpc_dt: Positive = 0.03  # between nodes [s]
-    weight_orientation: PositiveVector3 = (20.0, 20.0, 10.0)  # roll, pitch, yaw
+    horizon: Count = 10
+    """Number of nodes of the prediction."""
+    mpc_dt: Positive = 0.03
+    """Time between two nodes [s]."""
+    weight_orientation: PositiveVector3 = (20.0, 20.0, 10.0)
+    """Weights of roll, pitch and yaw [1/rad^2]."""
     weight_position: PositiveVector3 = (20.0, 20.0, 100.0)
+    """Weights of x, y and z [1/m^2]."""
     weight_angular_velocity: PositiveVector3 = (0.3, 0.3, 0.3)
+    """Weights of the angular velocity about x, y and z [s^2/rad^2]."""
     weight_velocity: PositiveVector3 = (2.0, 2.0, 0.5)
+    """Weights of the velocity along x, y and z [s^2/m^2]."""
     weight_force: Positive = 2e-5
-    friction: Positive = 0.35  # coefficient that the controller trusts; below that of slippery floors (0.4)
-    force_max: Positive = 200.0  # normal force of one foot [N]
-    joint_margin: NonNegative = 0.01  # kept from the joints' position limits [rad]
-    friction_cone: Literal["cone", "pyramid"] = "cone"  # the exact second-order cone, or the pyramid inside it
-    iterations: Count = 60  # at most, of the solver's first pass
-    iterations_limits: Count = 70  # at most, of its second pass, which also knows the joints' limits
-    newton_steps: Count = 40  # at most, of its third pass, for what these leave
-    tolerance: Positive = 0.003  # largest residual of a solved problem [N]
+    """Weight of each component of each foot's force [1/N^2]."""
+    friction: Positive = 0.35
+    """Coefficient of friction that the controller trusts [-]; below that of slippery floors (0.4)."""
+    force_max: Positive = 200.0
+    """Largest normal force of one foot [N]."""
+    joint_margin: NonNegative = 0.01
+    """Distance kept from the joints' position limits [rad]."""
+    friction_cone: Literal["cone", "pyramid"] = "cone"
+    """The exact second-order friction cone, or the pyramid inside it."""
+    iterations: Count = 60
+    """Largest number of iterations of the solver's first pass."""
+    iterations_limits: Count = 70
+    """Largest number of iterations of the solver's second pass, which also knows the joints' limits."""
+    newton_steps: Count = 40
+    """Largest number of steps of the solver's third pass, for what the first two leave."""
+    tolerance: Positive = 0.003
+    """Largest residual of a solved problem [N]."""
 
 
 class ControlSettings(Settings):
     """Whole-body control: gait, footholds, swing, MPC, torques."""
 
     gait: GaitSettings = GaitSettings()
+    """When each foot stands, and how it swings."""
     mpc: MpcSettings = MpcSettings()
-    control_dt: Positive = 0.002  # between torques [s]
-    plan_dt: Positive = 0.02  # between solutions of the MPC [s]
-    scale_to_robot: bool = True  # gains, weights and gait are meant for the A1: scale them by mass and leg length
-    raibert_gain: NonNegative = 0.03  # foothold shift per velocity error [s]
-    knee_clearance: Positive = 0.045  # height of the knees' centres over the floor that footholds must leave [m]
-    swing_stiffness: Positive = 60.0  # joint PD of the swing legs [Nm/rad]
-    swing_damping: Positive = 1.5  # [Nm s/rad]
-    # Integral of the height, roll and pitch errors, added to the reference: what the single rigid body leaves out
-    # (moving legs).
-    integral_gain: NonNegativeVector3 = (4.0, 2.0, 4.0)  # z, roll, pitch [1/s]
-    integral_limit: PositiveVector3 = (0.03, 0.15, 0.15)  # [m], [rad], [rad]
-    # How far the reference may lead the robot: in the plane [m], in height [m], in yaw [rad].
+    """Prediction, weights and limits of the forces."""
+    control_dt: Positive = 0.002
+    """Time between two torques [s]."""
+    plan_dt: Positive = 0.02
+    """Time between two solutions of the MPC [s]; a multiple of `control_dt`."""
+    scale_to_robot: bool = True
+    """Scale gains, weights and gait, which are meant for the A1, by the robot's mass and leg length."""
+    raibert_gain: NonNegative = 0.03
+    """Shift of a foothold per velocity error [s]."""
+    knee_clearance: Positive = 0.045
+    """Height of the knees' centres over the floor that footholds must leave [m]."""
+    swing_stiffness: Positive = 60.0
+    """Proportional gain of the joints of a swinging leg [Nm/rad]."""
+    swing_damping: Positive = 1.5
+    """Derivative gain of the joints of a swinging leg [Nm s/rad]."""
+    integral_gain: NonNegativeVector3 = (4.0, 2.0, 4.0)
+    """Gains of the integrals of the errors in z, roll and pitch [1/s]. They are added to the reference and make up for
+    what the single rigid body leaves out (moving legs).
+    """
+    integral_limit: PositiveVector3 = (0.03, 0.15, 0.15)
+    """Largest corrections by these integrals in z, roll and pitch [m, rad, rad]."""
     leash: PositiveVector3 = (0.05, 0.03, 0.15)
+    """How far the reference may lead the robot: in the plane, in height, in yaw [m, m, rad]."""
 
     @model_validator(mode="after")
     def _clocks_agree(self) -> "ControlSettings":

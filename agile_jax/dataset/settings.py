@@ -14,15 +14,16 @@ class DatasetSettings(Settings):
     `split_by = "sample"` and `target = "displacement"` are readings of a paper that leaves both open (docs/results.md).
     """
 
-    split: Annotated[tuple[Fraction, Fraction, Fraction], Field(strict=False)] = (
-        0.8,
-        0.1,
-        0.1,
-    )  # train, validation, test
-    split_by: Literal["trajectory", "sample"] = "trajectory"  # sample: to see what a leak hides; not to be trusted
-    target: Literal["velocity", "displacement"] = "velocity"  # displacement: to the next node, 0 at the last [m, rad]
+    split: Annotated[tuple[Fraction, Fraction, Fraction], Field(strict=False)] = (0.8, 0.1, 0.1)
+    """Shares of the trajectories for training, validation and test [-]; they add up to 1."""
+    split_by: Literal["trajectory", "sample"] = "trajectory"
+    """What is split. sample: a reading of the paper that shows what a leak hides; not to be trusted."""
+    target: Literal["velocity", "displacement"] = "velocity"
+    """What the policy learns: the velocity at a pose, or the displacement to the next node (0 at the last) [m, rad]."""
     samples: Literal["all", "without_start"] = "all"
-    start_seconds: NonNegative = 0.6  # left out by "without_start": speeding up from rest is not a function of the pose
+    """Which nodes of a trajectory are samples: all, or those after `start_seconds`."""
+    start_seconds: NonNegative = 0.6
+    """Time left out by samples = "without_start" [s]: speeding up from rest is not a function of the pose."""
 
     @model_validator(mode="after")
     def _split_adds_up(self) -> "DatasetSettings":

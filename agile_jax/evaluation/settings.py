@@ -16,16 +16,25 @@ class EvaluationSettings(Settings):
     """
 
     episodes: Count = 64
-    # C MuJoCo in threads; all in one compiled scan, in MJX or in MuJoCo Warp (NVIDIA GPUs, mujoco-mjx[warp]).
+    """Number of episodes, each from a start of its own."""
     backend: Literal["mujoco", "mjx", "mjx-warp"] = "mujoco"
+    """Physics. mujoco: C MuJoCo in threads. mjx, mjx-warp: all robots in one compiled scan, in MJX or in MuJoCo Warp
+    (NVIDIA GPUs, mujoco-mjx[warp]).
+    """
     planner: Literal["policy", "replan", "open_loop", "open_loop_2d", "straight"] = "policy"
-    replan_interval: Positive = 0.1  # of the planner "replan" [s]
-    # here: in this process; workers: in the engine's, one core each, faster from some hundred episodes on.
+    """What the controller follows (see above)."""
+    replan_interval: Positive = 0.1
+    """Time between two answers of the planner "replan" [s]."""
     where: Literal["here", "workers"] = "here"
-    batch: Count = 64  # episodes simulated at once; does not change their results
-    devices: Count = 1  # of JAX, that share the batch in MJX; does not change their results
-    seed: Annotated[int, Field(ge=0)] = 0  # of the starts, beside the experiment's own
-    traced: Annotated[int, Field(ge=0)] = 8  # episodes recorded for figures and videos
+    """here: in this process. workers: in the engine's, one core each; faster from some hundred episodes on."""
+    batch: Count = 64
+    """Number of episodes simulated at once; does not change their results."""
+    devices: Count = 1
+    """Number of JAX's devices that share the batch in MJX; does not change the results."""
+    seed: Annotated[int, Field(ge=0)] = 0
+    """Seed of the starts, beside the experiment's own."""
+    traced: Annotated[int, Field(ge=0)] = 8
+    """Number of episodes recorded for figures and videos."""
 
     @model_validator(mode="after")
     def _planner_runs_in_the_backend(self) -> "EvaluationSettings":

@@ -16,7 +16,7 @@ from agile_jax.control.settings import ControlSettings
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment.file import Table, origin, override, read_table
-from agile_jax.experiment.validation import field_comments, nested_models, validate
+from agile_jax.experiment.validation import validate
 from agile_jax.expert.settings import ExpertSettings, check_scene
 from agile_jax.files import hash_json, sha256
 from agile_jax.policy.settings import PolicySettings
@@ -44,20 +44,34 @@ _CHANGES_NO_LABEL = {"dataset": {"samples", "split_by", "start_seconds", "target
 class Experiment(Settings):
     """The settings of every stage. A file needs only a name: the defaults are the paper's scene without its table."""
 
-    name: str  # of the run directory; letters, digits, - and _
+    name: str
+    """Name of the run directory: letters, digits, - and _."""
     seed: Annotated[int, Field(ge=0, lt=2**63)] = 0
+    """Seed of everything random."""
     scene: SceneSettings = SceneSettings()
+    """The world of the plan: target, obstacles, torso, starts, bounds."""
     expert: ExpertSettings = ExpertSettings()
+    """The optimal control problem and how it is solved."""
     dataset: DatasetSettings = DatasetSettings()
+    """The labels, and which samples the policy sees of them."""
     policy: PolicySettings = PolicySettings()
+    """What the policy is: kind and network."""
     training: TrainingSettings = TrainingSettings()
+    """How the network is fitted."""
     closed_loop: KinematicTestSettings = KinematicTestSettings()
+    """The kinematic test of the policy."""
     dagger: AggregationSettings = AggregationSettings()
+    """Rounds of dataset aggregation."""
     robot: RobotSettings = RobotSettings()
+    """Which robot."""
     control: ControlSettings = ControlSettings()
+    """The whole-body controller: gait, MPC, swing legs."""
     evaluation: EvaluationSettings = EvaluationSettings()
+    """Episodes of the closed loop."""
     report: ReportSettings = ReportSettings()
+    """Figures and video."""
     sweep: SweepSettings | None = None
+    """What `agile sweep` varies."""
 
     @field_validator("name")
     @classmethod
@@ -171,19 +185,12 @@ def experiment_hash(experiment: Experiment) -> str:
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON schema of experiment files, for editors; the comments behind the fields are its descriptions."""
+    """The JSON schema of experiment files, for editors; with what each setting means."""
     schema = Experiment.model_json_schema()
     schema["properties"]["extends"] = {
         "type": "string",
         "description": "another experiment file, relative to this one, whose values hold where this file sets none",
     }
-    models = [Experiment]
-    for model in models:
-        definition = schema if model is Experiment else schema["$defs"].get(model.__name__, {})
-        for name, comment in field_comments(model).items():
-            definition["properties"][name].setdefault("description", comment)
-        inner = [found for field in model.model_fields.values() for found in nested_models(field.annotation)]
-        models.extend(found for found in dict.fromkeys(inner) if found not in models)  # type: ignore[misc]
     return schema
 
 

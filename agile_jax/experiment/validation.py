@@ -1,7 +1,6 @@
 """From pydantic's errors to messages: file, dotted key, value, what is allowed, nearest valid name."""
 
 import difflib
-import inspect
 import math
 import re
 from collections.abc import Callable, Iterator
@@ -44,12 +43,6 @@ def nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield annotation
     for argument in get_args(annotation):
         yield from nested_models(argument)
-
-
-def field_comments(model: type[BaseModel]) -> dict[str, str]:
-    """What the comment behind each field says: units and meaning, for --help and the schema."""
-    found = re.findall(r"^    (\w+):[^#\n]*#\s*(.+)$", inspect.getsource(model), re.MULTILINE)
-    return {name: comment.strip() for name, comment in found if name in model.model_fields}
 
 
 def _describe(model: type[BaseModel], values: Any, where_from: Callable[[Where], str], detail: Any) -> str:

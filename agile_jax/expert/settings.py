@@ -17,34 +17,55 @@ class ExpertSettings(Settings):
     """
 
     trajectories: Count = 400
-    # Poses [m, rad] that the labels lead to, in turn: label i to number i modulo their count; the scene's if none.
+    """Number of labels: optimal trajectories."""
     targets: Annotated[tuple[Pose, ...], Field(strict=False)] = ()
-    nodes: Annotated[int, Field(ge=10, le=2000)] = 100  # intervals of a trajectory
-    shard_size: Count = 50  # trajectories in a file
-    velocity: PositivePose = (1.0, 0.5, 0.3, 1.0)  # bounds [m/s, rad/s]
-    acceleration: PositivePose = (1.5, 1.5, 1.0, 3.0)  # bounds [m/s^2, rad/s^2]
-    clearance_margin: NonNegative = 0.025  # epsilon of equation 2 [m]
-    initial_velocity: Literal["rest", "free"] = "rest"  # rest: the paper; free: the best one within the bounds
-    # Weight of the integral of sum (u_i / a_i)^2 in the objective [-]; makes labels unique (expert/__init__.py).
+    """Poses [m, rad] that the labels lead to, in turn: label i to number i modulo their count; without any, to the
+    scene's target.
+    """
+    nodes: Annotated[int, Field(ge=10, le=2000)] = 100
+    """Number of intervals of a trajectory."""
+    shard_size: Count = 50
+    """Number of trajectories in a file."""
+    velocity: PositivePose = (1.0, 0.5, 0.3, 1.0)
+    """Bounds of the rates of [x, y, z, yaw] [m/s, rad/s]."""
+    acceleration: PositivePose = (1.5, 1.5, 1.0, 3.0)
+    """Bounds of the accelerations of [x, y, z, yaw] [m/s^2, rad/s^2]."""
+    clearance_margin: NonNegative = 0.025
+    """Clearance that a plan keeps from obstacles, epsilon of equation 2 [m]."""
+    initial_velocity: Literal["rest", "free"] = "rest"
+    """How labels begin. rest: as in the paper. free: with the best velocity within the bounds."""
     effort_weight: Annotated[float, Field(gt=0, le=1)] = 5e-3
-    # Piecewise-constant acceleration, piecewise-linear acceleration (Hermite-Simpson), trapezoidal collocation.
+    """Weight of the integral of sum (u_i / a_i)^2 in the objective [-]; it makes labels unique (expert/__init__.py)."""
     transcription: Literal["zoh", "foh", "trapezoidal"] = "zoh"
-    # axis: |v_i| <= velocity_i; planar_norm: in the plane (v_x / velocity_x)^2 + (v_y / velocity_y)^2 <= 1.
+    """Piecewise-constant acceleration, piecewise-linear acceleration (Hermite-Simpson), or trapezoidal collocation."""
     velocity_bound: Literal["axis", "planar_norm"] = "axis"
-    zero_end_controls: bool = False  # the paper's u_0 = u_N = 0; costs 2 / nodes of the time, 1 / nodes if not zoh
-    planner: Literal["3d", "2d"] = "3d"  # 2d: height fixed at the target's, obstacles from the floor up (figure 2)
-    # auto: closed-form least time where it is attained, else the general program; general: always the program.
+    """axis: |v_i| <= velocity_i. planar_norm: in the plane (v_x / velocity_x)^2 + (v_y / velocity_y)^2 <= 1."""
+    zero_end_controls: bool = False
+    """The paper's u_0 = u_N = 0; costs 2 / nodes of the time (zoh), else 1 / nodes."""
+    planner: Literal["3d", "2d"] = "3d"
+    """2d: the height stays the target's, and obstacles reach up from the floor (the paper's figure 2)."""
     method: Literal["auto", "general"] = "auto"
-    # Around obstacles' edges the general program keeps the margin exactly (rounded), or stays within the fast path's
-    # square corners, whose diagonal is up to sqrt(2) margins away.
+    """auto: the closed-form least time where it is attained, else the general program. general: always that program."""
     edges: Literal["rounded", "square"] = "rounded"
-    max_routes: Count = 24  # routes solved by the general program for one start at most
-    starts: Literal["paper", "wide"] = "paper"  # paper: scene.start; wide: dataset/starts.py
-    wide_paper_fraction: Fraction = 0.35  # of the wide starts, drawn as the paper's but at any height
-    wide_target_fraction: Fraction = 0.15  # of the wide starts, drawn around the target
-    wide_target_std: Positive = 0.4  # of those, in the plane [m]
-    wide_yaw_std: NonNegative = 0.4  # around the target's yaw [rad]
-    wide_padding: NonNegative = 0.5  # of the box around starts, obstacles and target [m]
+    """How the general program keeps the margin around obstacles' edges. rounded: exactly. square: within the fast
+    path's square corners, whose diagonal is up to sqrt(2) margins away.
+    """
+    max_routes: Count = 24
+    """Largest number of routes that the general program solves for one start."""
+    starts: Literal["paper", "wide"] = "paper"
+    """Where labels start. paper: the distribution of scene.start. wide: that and everywhere the robot may get to
+    (dataset/starts.py).
+    """
+    wide_paper_fraction: Fraction = 0.35
+    """Share of the wide starts that is drawn as the paper's, but at any height [-]."""
+    wide_target_fraction: Fraction = 0.15
+    """Share of the wide starts that is drawn around the target [-]."""
+    wide_target_std: Positive = 0.4
+    """Standard deviation in the plane of the wide starts around the target [m]."""
+    wide_yaw_std: NonNegative = 0.4
+    """Standard deviation of the wide starts' yaw about the target's [rad]."""
+    wide_padding: NonNegative = 0.5
+    """Padding of the box around starts, obstacles and target over which wide starts are drawn [m]."""
 
 
 def check_scene(scene: SceneSettings, settings: ExpertSettings) -> None:

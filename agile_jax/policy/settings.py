@@ -18,12 +18,24 @@ class PolicySettings(Settings):
     """
 
     kind: Literal["plain", "residual", "feedback"] = "residual"
+    """plain: the paper's network. residual: a network on top of a braking law. feedback: accelerations from pose and
+    rates.
+    """
     hidden_layers: HiddenLayers = (128, 128, 128)
+    """Widths of the network's hidden layers."""
     activation: Literal["tanh", "softplus", "gelu", "relu"] = "tanh"
+    """Nonlinearity between the layers."""
     normalize_inputs: bool = True
-    wall_features: bool = True  # signed distances to the faces of the obstacles, as inputs
-    wall_length: Positive = 0.15  # distance over which they saturate [m]
-    blend_time: Positive = 0.15  # time to go below which the network fades out [s]
-    approach_rate: Positive = 8.0  # 1 / time constant of the last centimetres [1/s]
-    field_filter: bool = True  # limit the speed towards obstacles to what can be braked (speed_limit.py)
-    filter_margin: Positive = 0.02  # clearance below which the field no longer approaches; less than the labels' [m]
+    """Shift and scale the inputs to mean 0 and deviation 1 over the training samples."""
+    wall_features: bool = True
+    """Signed distances to the obstacles' faces as further inputs."""
+    wall_length: Positive = 0.15
+    """Distance over which these inputs saturate [m]."""
+    blend_time: Positive = 0.15
+    """Time to go below which the network fades out [s]."""
+    approach_rate: Positive = 8.0
+    """Rate of the last centimetres' approach, 1 / time constant [1/s]."""
+    field_filter: bool = True
+    """Limit the speed towards obstacles to what can be braked (speed_filter.py)."""
+    filter_margin: Positive = 0.02
+    """Clearance below which the field no longer approaches [m]; less than the labels' expert.clearance_margin."""

@@ -21,14 +21,11 @@ class RobotSettings(Settings):
     """
 
     name: Annotated[str, Field(min_length=1)] = OWN
-    legs: Names4 = (
-        "FR",
-        "FL",
-        "RR",
-        "RL",
-    )  # of another robot: its names of front right, front left, rear right, rear left
-    # Its names of abad, hip and knee joint, with {leg} for the leg.
+    """The Unitree A1 ("a1"), or the path of an MJCF file."""
+    legs: Names4 = ("FR", "FL", "RR", "RL")
+    """Names of front right, front left, rear right and rear left leg of another robot."""
     joints: Names3 = ("{leg}_hip_joint", "{leg}_thigh_joint", "{leg}_calf_joint")
+    """Names of abad, hip and knee joint of another robot, with {leg} in place of the leg's name."""
 
     @field_validator("joints")
     @classmethod

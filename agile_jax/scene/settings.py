@@ -25,13 +25,21 @@ class TableSettings(Settings):
     """
 
     kind: Literal["table"]
-    position: Vector2  # centre in the plane [m]
-    size: PositiveVector2  # full size along x, along y [m]
-    underside: Positive  # [m]
-    top: Positive = 0.75  # [m], above everything the robot reaches
-    yaw: float = 0.0  # [rad]
-    leg_size: PositiveVector2 | None = None  # full size of each leg along x, along y [m]
-    leg_inset: NonNegative = 0.0  # from the table's edges to the legs [m]
+    """Tells tables from boxes."""
+    position: Vector2
+    """Centre in the plane [m]."""
+    size: PositiveVector2
+    """Full size along x and y [m]."""
+    underside: Positive
+    """Height of the slab's underside [m]."""
+    top: Positive = 0.75
+    """Height of the slab's top, above everything the robot reaches [m]."""
+    yaw: float = 0.0
+    """Turn about the vertical [rad]."""
+    leg_size: PositiveVector2 | None = None
+    """Full size of each leg along x and y [m]; without it the table has no legs."""
+    leg_inset: NonNegative = 0.0
+    """Distance from the table's edges to the legs [m]."""
 
     @model_validator(mode="after")
     def _legs_fit(self) -> "TableSettings":
@@ -58,9 +66,13 @@ class BoxSettings(Settings):
     """A full box."""
 
     kind: Literal["box"]
-    position: Vector3  # centre [m]
-    size: PositiveVector3  # full size [m]
-    yaw: float = 0.0  # [rad]
+    """Tells boxes from tables."""
+    position: Vector3
+    """Centre [m]."""
+    size: PositiveVector3
+    """Full size along x, y and z [m]."""
+    yaw: float = 0.0
+    """Turn about the vertical [rad]."""
 
 
 ObstacleSettings = Annotated[TableSettings | BoxSettings, Field(discriminator="kind")]
@@ -74,7 +86,9 @@ class StartSettings(Settings):
     """
 
     mean: Pose = (0.5, 0.066, 0.26, 0.0)
+    """Mean of the start pose [m, rad]."""
     std: NonNegativePose = (0.5, 0.66, 0.02, 0.0)
+    """Standard deviations of the start pose [m, rad]."""
 
 
 class SceneSettings(Settings):
@@ -85,11 +99,17 @@ class SceneSettings(Settings):
     """
 
     target: Pose = (3.0, 0.0, 0.28, 0.0)
-    torso_half_size: PositiveVector3 = (0.28, 0.155, 0.058)  # [m]
-    lower: Pose = (-1.5, -3.0, 0.155, -3.2)  # bounds of the planned pose [m, rad]
+    """Target pose [x, y, z, yaw] [m, rad]."""
+    torso_half_size: PositiveVector3 = (0.28, 0.155, 0.058)
+    """Half size of the torso's envelope along its own x, y and z [m]."""
+    lower: Pose = (-1.5, -3.0, 0.155, -3.2)
+    """Lower bounds of the planned pose [m, rad]."""
     upper: Pose = (4.5, 3.0, 0.32, 3.2)
+    """Upper bounds of the planned pose [m, rad]; where the bounds of yaw span a full turn, yaw is unbounded."""
     start: StartSettings = StartSettings()
+    """Where the robot starts."""
     obstacles: Annotated[tuple[ObstacleSettings, ...], Field(strict=False)] = ()
+    """Tables and boxes."""
 
     @model_validator(mode="after")
     def _target_is_reachable(self) -> "SceneSettings":

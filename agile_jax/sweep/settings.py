@@ -14,11 +14,17 @@ class SweepSettings(Settings):
     """A grid over dotted keys of the experiment, or a list of points, each with the keys that it changes."""
 
     method: Literal["grid", "list"] = "grid"
-    metric: str = "training.validation_mse"  # its prefix decides up to which stage a trial runs
+    """grid: every combination of `space`. list: the points of `points`."""
+    metric: str = "training.validation_mse"
+    """Number of a stage's summary by which trials are compared; its prefix decides up to which stage a trial runs."""
     direction: Literal["minimize", "maximize"] = "minimize"
-    show: Annotated[tuple[str, ...], Field(strict=False)] = ()  # further numbers of the same stages to be tabulated
-    space: dict[str, Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]] = Field(default={})  # of a grid
-    points: Annotated[tuple[dict[str, Any], ...], Field(strict=False)] = ()  # of a list; an empty one changes nothing
+    """Which metric is better: the least or the greatest."""
+    show: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    """Further numbers of the same stages that the table shows."""
+    space: dict[str, Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]] = Field(default={})
+    """Values of a grid by dotted key."""
+    points: Annotated[tuple[dict[str, Any], ...], Field(strict=False)] = ()
+    """Points of a list, each with the dotted keys that it changes; an empty one changes nothing."""
 
     @model_validator(mode="after")
     def _has_the_points_of_its_method(self) -> "SweepSettings":

@@ -13,11 +13,16 @@ class KinematicTestSettings(Settings):
     It may accelerate by the expert's bounds over `headroom`: a follower that has no more than its labels falls behind.
     """
 
-    starts: Count = 256  # of the scene's distribution, after training
+    starts: Count = 256
+    """Number of starts of the scene's distribution that are followed after the training."""
     headroom: Annotated[float, Field(gt=0, le=1)] = 0.92
-    dt: Positive = 0.02  # tick [s]
-    every: Annotated[int, Field(ge=0)] = 25  # epochs between two looks during training; 0: none
-    watched_starts: Count = 256  # of each look, others than those after training
+    """The expert's bounds of acceleration over the follower's [-]."""
+    dt: Positive = 0.02
+    """Time step of the test [s]."""
+    every: Annotated[int, Field(ge=0)] = 25
+    """Number of epochs between two looks during the training; 0: none."""
+    watched_starts: Count = 256
+    """Number of starts of each look, others than those after the training."""
 
 
 class AggregationSettings(Settings):
@@ -28,10 +33,15 @@ class AggregationSettings(Settings):
     """
 
     rounds: Annotated[int, Field(ge=0)] = 0
-    starts: Count = 2000  # rolled out in each round
-    queries: Count = 400  # poses in each round
-    epochs: Count = 20  # of each round's training
-    rate: Annotated[float, Field(gt=0, le=1)] = 0.3  # its learning rate over training.learning_rate
+    """Number of rounds; 0: no aggregation."""
+    starts: Count = 2000
+    """Number of starts that are rolled out in each round."""
+    queries: Count = 400
+    """Number of poses about which the expert is asked in each round."""
+    epochs: Count = 20
+    """Number of epochs of each round's training."""
+    rate: Annotated[float, Field(gt=0, le=1)] = 0.3
+    """Learning rate of the rounds over training.learning_rate [-]."""
 
 
 Optimizer = Literal[
@@ -72,30 +82,51 @@ class TrainingSettings(Settings):
     """
 
     optimizer: Optimizer = "adam"
-    learning_rate: Positive = 2e-3  # initial; of a one-cycle schedule the highest
-    momentum: Annotated[float, Field(ge=0, lt=1)] = 0.0  # of sgd, rmsprop and lars
-    nesterov: bool = False  # of these, with momentum
-    weight_decay: NonNegative = 0.0  # of adamaxw, adamw, adan, lamb, lars, lion, nadamw and novograd
-    clip_norm: Positive | None = None  # largest norm of the whole gradient; None: any
-    schedule: Schedule = "cosine"  # from learning_rate to final_rate of it at the last step
-    final_rate: Annotated[float, Field(gt=0, le=1)] = 0.01  # share of learning_rate; not of constant and one-cycle
-    warmup: Annotated[float, Field(ge=0, lt=1)] = 0.0  # share of all steps in which the rate rises from 0
+    """Optimiser, by Optax's name."""
+    learning_rate: Positive = 2e-3
+    """Initial learning rate; of a one-cycle schedule the highest."""
+    momentum: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Momentum of sgd, rmsprop and lars [-]."""
+    nesterov: bool = False
+    """Nesterov's momentum in sgd, rmsprop and lars."""
+    weight_decay: NonNegative = 0.0
+    """Weight decay of adamaxw, adamw, adan, lamb, lars, lion, nadamw and novograd."""
+    clip_norm: Positive | None = None
+    """Largest norm of the whole gradient; without it, any."""
+    schedule: Schedule = "cosine"
+    """How the learning rate goes from `learning_rate` to `final_rate` of it at the last step."""
+    final_rate: Annotated[float, Field(gt=0, le=1)] = 0.01
+    """Learning rate at the last step over `learning_rate` [-]; not of constant and one-cycle schedules."""
+    warmup: Annotated[float, Field(ge=0, lt=1)] = 0.0
+    """Share of all steps in which the learning rate rises from 0 [-]."""
     batch_size: Count = 512
+    """Number of samples in a batch."""
     epochs: Count = 150
-    loss: Literal["mse"] = "mse"  # averaged over the outputs, in output_units
-    output_units: Literal["si", "std", "limits"] = "si"  # of loss and outputs; std: of the labels; only kind = "plain"
-    initialisation: Literal["glorot_uniform", "he_normal", "lecun_normal", "torch_uniform"] = (
-        "lecun_normal"  # torch_uniform: +-1 / sqrt(fan in), biases, too
-    )
-    precision: Literal["float32", "tensorfloat32", "bfloat16"] = (
-        "float32"  # of the wide layers' products (precision.py); parameters and the rest are float32
-    )
-    seeds: Count = 1  # trained at once: seed, seed + 1, ...; the policy is the one with the least validation error
-    devices: Count = 1  # that share each batch
-    select: Literal["last", "best"] = "last"  # best: the parameters of the epoch with the least validation error
-    patience: Count | None = None  # epochs without a less validation error after which training stops; None: never
-    checkpoint_every: Count = 10  # epochs
-    keep: Annotated[int, Field(ge=2)] = 2  # checkpoints kept, so that there is one before a damaged one
+    """Number of passes over the training samples."""
+    loss: Literal["mse"] = "mse"
+    """Mean squared error over the outputs, in `output_units`."""
+    output_units: Literal["si", "std", "limits"] = "si"
+    """Units of loss and outputs: SI, standard deviations of the labels, or the expert's bounds; only with policy.kind =
+    "plain".
+    """
+    initialisation: Literal["glorot_uniform", "he_normal", "lecun_normal", "torch_uniform"] = "lecun_normal"
+    """How weights begin. torch_uniform: +-1 / sqrt(fan in), biases, too."""
+    precision: Literal["float32", "tensorfloat32", "bfloat16"] = "float32"
+    """Precision of the wide layers' products (precision.py); parameters and the rest are float32."""
+    seeds: Count = 1
+    """Number of networks trained at once, with seeds seed, seed + 1, ...; the policy is the one with the least
+    validation error.
+    """
+    devices: Count = 1
+    """Number of JAX's devices that share each batch."""
+    select: Literal["last", "best"] = "last"
+    """Which parameters are kept: the last epoch's, or those of the epoch with the least validation error."""
+    patience: Count | None = None
+    """Number of epochs without a lower validation error after which the training stops; without it, never."""
+    checkpoint_every: Count = 10
+    """Number of epochs between two checkpoints."""
+    keep: Annotated[int, Field(ge=2)] = 2
+    """Number of checkpoints kept, so that there is one before a damaged one."""
 
     @model_validator(mode="after")
     def _has_an_effect(self) -> "TrainingSettings":
