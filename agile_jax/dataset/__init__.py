@@ -1,7 +1,7 @@
 """The dataset: verified trajectories of the expert in immutable, checked shards, split by trajectory. Loads no JAX."""
 
 from agile_jax.dataset.dataset import SPLITS, Dataset, Split, labels, labels_to, load, samples, split_mask
-from agile_jax.dataset.expert_time import expert_times
+from agile_jax.dataset.expert_time import ExpertTimes, expert_times, time_limit
 from agile_jax.dataset.generate import IncompleteDatasetError, generate
 from agile_jax.dataset.queries import Answers, ask
 from agile_jax.dataset.settings import DatasetSettings
@@ -11,6 +11,7 @@ __all__ = [
     "Answers",
     "Dataset",
     "DatasetSettings",
+    "ExpertTimes",
     "IncompleteDatasetError",
     "Split",
     "ask",
@@ -21,4 +22,5 @@ __all__ = [
     "load",
     "samples",
     "split_mask",
+    "time_limit",
 ]

@@ -6,8 +6,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from agile_jax.dataset import time_limit
 from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
-from agile_jax.evaluation.stage import time_limit
 from agile_jax.expert import check_start, make_expert
 from agile_jax.progress import silent
 from agile_jax.scene import make_scene

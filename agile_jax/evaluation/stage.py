@@ -12,7 +12,7 @@ from typing import Any
 import jax
 import numpy as np
 
-from agile_jax.dataset import expert_times
+from agile_jax.dataset import expert_times, time_limit
 from agile_jax.engine import Engine, TaskFailure, TasksFailedError
 from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
 from agile_jax.evaluation.breakdown import distributions, outcomes_by_region
@@ -29,12 +29,6 @@ START_STREAM = 7_001  # sets the evaluation's random stream apart from those of 
 CHUNK = 64  # episodes a file
 LONGEST_PART = 8  # chunks that a worker simulates at a time
 PARTS_A_WORKER = 4  # at least, where there are enough chunks: workers end at about the same time
-NO_PATH_LIMIT = 20.0  # time limit where the expert found no path [s]
-
-
-def time_limit(expert_time: np.ndarray) -> np.ndarray:
-    """Time that an episode has: 2 T* + 3 s."""
-    return np.where(np.isfinite(expert_time), 2 * expert_time + 3.0, NO_PATH_LIMIT)
 
 
 def evaluation_starts(inputs: Inputs) -> np.ndarray:
@@ -83,8 +77,12 @@ def evaluate(
     expert = load_chunk(chunks / "expert.npz", identity)
     if expert is None:
         progress(0, len(starts), "expert times")
-        durations, branches = expert_times(inputs.scene, inputs.expert, starts, engine)
-        expert = {"expert_time": durations, "branch": np.array(branches)}
+        found = expert_times(inputs.scene, inputs.expert, starts, engine)
+        expert = {
+            "expert_time": found.duration,
+            "expert_arrival_time": found.arrival,
+            "branch": np.array(found.branch),
+        }
         save_chunk(chunks / "expert.npz", identity, expert)
     limits = time_limit(expert["expert_time"])
 

@@ -4,6 +4,7 @@ from agile_jax.scene.heading import facing, pose_error, turns_freely, yaw_betwee
 from agile_jax.scene.scene import POSE_NAMES, POSE_SIZE, Scene, clearance, make_scene, obstacle_clearances, planar_scene
 from agile_jax.scene.settings import BoxSettings, SceneSettings, StartSettings, TableSettings
 from agile_jax.scene.starts import Starts, sample_starts
+from agile_jax.scene.tolerance import arrival_time, within_tolerance
 
 __all__ = [
     "POSE_NAMES",
@@ -14,6 +15,7 @@ __all__ = [
     "StartSettings",
     "Starts",
     "TableSettings",
+    "arrival_time",
     "clearance",
     "facing",
     "make_scene",
@@ -22,5 +24,6 @@ __all__ = [
     "pose_error",
     "sample_starts",
     "turns_freely",
+    "within_tolerance",
     "yaw_between_bounds",
 ]

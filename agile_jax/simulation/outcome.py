@@ -10,16 +10,13 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 
-from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, wrap_angle
-from agile_jax.scene import Scene, clearance
+from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy
+from agile_jax.scene import Scene, clearance, within_tolerance
 from agile_jax.simulation.sensed import Sensed
 
 RUNNING, SUCCESS, COLLISION, FALL, TIMEOUT, UNSTABLE = -1, 0, 1, 2, 3, 4
 OUTCOME_NAMES = ("success", "collision", "fall", "timeout", "unstable")
 
-PLANAR_TOLERANCE = 0.10  # [m]
-HEIGHT_TOLERANCE = 0.05  # [m]
-YAW_TOLERANCE = 0.2  # [rad]
 STAY = 0.5  # [s]
 LARGEST_TILT_COSINE = 0.5  # cos 60 degrees
 LARGEST_SPEED = 1e3  # of any coordinate [m/s, rad/s]; beyond it the simulation has diverged
@@ -93,13 +90,8 @@ def update_outcome(
     pose = trunk_pose(sensed)
     error = pose - jnp.asarray(scene.target, jnp.float32)
     planar = jnp.sqrt(jnp.sum(error[:2] ** 2))
-    inside = (
-        (planar <= PLANAR_TOLERANCE)
-        & (jnp.abs(error[2]) <= HEIGHT_TOLERANCE)
-        & (jnp.abs(wrap_angle(error[3], jnp)) <= YAW_TOLERANCE)
-    )
     time = outcome.time + dt
-    inside_since = jnp.where(inside, jnp.minimum(outcome.inside_since, time), jnp.inf)
+    inside_since = jnp.where(within_tolerance(error, jnp), jnp.minimum(outcome.inside_since, time), jnp.inf)
     stayed = time - inside_since >= STAY - dt / 2
     up = quaternion_to_matrix(sensed.qpos[3:7], jnp)[2, 2]
     fallen = sensed.floor_contact | (up < LARGEST_TILT_COSINE)

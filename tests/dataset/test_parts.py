@@ -78,8 +78,9 @@ def test_a_failed_part_is_named_and_the_others_are_kept(tmp_path):
 
 def test_expert_times_and_answers_are_the_experts(tmp_path):
     expert = make_expert(make_scene(SCENE), EXPERT)
-    times, branches = expert_times(SCENE, EXPERT, STARTS, INLINE, tmp_path / "times")
+    times, arrivals, branches = expert_times(SCENE, EXPERT, STARTS, INLINE, tmp_path / "times")
     assert np.isnan(times[2])
+    assert np.isnan(arrivals[2])
     answers = ask(SCENE, EXPERT, STARTS, INLINE, tmp_path / "queries")
     assert answers.asked == 3
     assert answers.states.shape == (2, 21, 8)
@@ -87,6 +88,9 @@ def test_expert_times_and_answers_are_the_experts(tmp_path):
         rest = expert.solve(STARTS[i], initial_velocity="rest")
         assert times[i] == rest.duration
         assert branches[i] == rest.branch
+        away = np.hypot(*(rest.trajectory.states[:, :2] - make_scene(SCENE).target[:2]).T) > 0.1
+        last = np.flatnonzero(away)[-1]
+        assert rest.trajectory.times[last] < arrivals[i] <= rest.trajectory.times[last + 1] < rest.duration
         free = expert.solve(STARTS[i], initial_velocity="free").trajectory
         np.testing.assert_array_equal(answers.states[i], free.states)
         np.testing.assert_array_equal(answers.times[i], free.times)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from agile_jax.control import ControlSettings, Counts
-from agile_jax.evaluation.stage import time_limit
+from agile_jax.dataset import time_limit
 from agile_jax.evaluation.store import load_chunk, save_chunk
 from agile_jax.evaluation.summary import summarize
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from agile_jax.scene import SceneSettings, clearance, make_scene, obstacle_clearances, sample_starts
+from agile_jax.scene import SceneSettings, arrival_time, clearance, make_scene, obstacle_clearances, sample_starts
 from agile_jax.settings import BadInput
 
 TABLE = {"kind": "table", "position": [1.5, 0.0], "size": [0.5, 1.0], "underside": 0.25}
@@ -108,3 +108,16 @@ def test_hopeless_starts_are_refused():
 def test_contradictions_are_refused(change, words):
     with pytest.raises(ValidationError, match=words):
         SceneSettings(**({"obstacles": [TABLE]} | change))
+
+
+def test_a_path_has_arrived_when_it_stays_within_the_tolerance():
+    target, times = np.array([1.0, 2.0, 0.3, 3.1]), np.linspace(0.0, 1.0, 101)
+    poses = np.tile(target, (101, 1))
+    poses[:, 0] += 0.995 - times  # enters the circle of 0.1 m at 0.895 s
+    assert arrival_time(times, poses, target) == pytest.approx(0.9)
+    poses[:, 3] -= 2 * np.pi  # full turns are nothing
+    assert arrival_time(times, poses, target) == pytest.approx(0.9)
+    poses[95, 2] += 0.06  # leaves once more
+    assert arrival_time(times, poses, target) == pytest.approx(0.96)
+    poses[-1, 3] += 0.21
+    assert np.isnan(arrival_time(times, poses, target))

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from agile_jax.dataset import expert_times
+from agile_jax.dataset import expert_times, time_limit
 from agile_jax.engine import Engine
 from agile_jax.expert import ExpertSettings, planning_margin
 from agile_jax.files import write_atomic
@@ -36,7 +36,6 @@ from agile_jax.training.kinematic_test.follow import (
 from agile_jax.training.settings import KinematicTestSettings
 
 TEST_STREAM, WATCH_STREAM, DAGGER_STREAM = 7_002, 7_003, 7_004  # random streams of their own
-UNKNOWN_LIMIT = 20.0  # time limit where the expert found no path [s]
 SHORTEST = 1.0  # [s] of the expert; from nearer starts a ratio of times says nothing
 WORST = 12  # paths kept of the least clearance, and as many of the latest
 BATCH = 1024  # paths in memory at once
@@ -99,8 +98,8 @@ def closed_loop_test(
     A loop may take twice the expert's time and three seconds, like an episode of the simulated robot.
     """
     starts = unseen_starts(scene, expert, settings.starts, (seed, TEST_STREAM))
-    times, branches = expert_times(scene, expert, starts, engine, directory / "expert-times", progress)
-    limits = np.where(np.isfinite(times), 2 * times + 3.0, UNKNOWN_LIMIT)
+    times, _, branches = expert_times(scene, expert, starts, engine, directory / "expert-times", progress)
+    limits = time_limit(times)
     follower = kinematic_follower(policy, scene, expert, settings, float(limits.max()))
     rows: list[Followed] = []
     for first in range(0, len(starts), BATCH):
