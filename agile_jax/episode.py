@@ -19,7 +19,7 @@ def rollout(
         run_dir: with a finished training.
         start: pose [x, y, z, yaw] [m, rad].
         video: film the episode to this mp4.
-        progress: called with (done, total, note).
+        progress: is told of the episode.
 
     Returns:
         Outcome, times and quality, with units in the names; `video` and `video_note` when it was filmed.
@@ -45,10 +45,7 @@ def rollout(
         note = render_video(experiment.scene, experiment.robot, trace, video, experiment.report)
         film.update({"video": str(video)} | ({"video_note": note} if note else {}))
 
-    def named(done: int, total: int, note: str) -> None:
-        progress(done, total, f"rollout: {note}")
-
-    return rollout_one(experiment, run_dir, start, watch, named) | film
+    return rollout_one(experiment, run_dir, start, watch, progress) | film
 
 
 def replay(run_dir: pathlib.Path, file: pathlib.Path, video: pathlib.Path | None = None) -> dict[str, Any]:

@@ -47,9 +47,9 @@ def interruptible() -> Iterator[list[int]]:
 def persistent(progress: Progress, arrived: list[int]) -> Progress:
     """`progress` that raises `Interrupted` again when a signal has arrived and its exception was lost."""
 
-    def checked(done: int, total: int, note: str) -> None:
+    def checked(work: str, done: int, total: int, note: str = "") -> None:
         if arrived:
             raise Interrupted(arrived[0])
-        progress(done, total, note)
+        progress(work, done, total, note)
 
     return checked

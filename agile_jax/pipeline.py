@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 from agile_jax.engine import Engine, check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
 from agile_jax.files import remove_torn
-from agile_jax.progress import Progress, silent
+from agile_jax.progress import Progress, silent, within
 from agile_jax.run_directory import (
     State,
     locked,
@@ -67,7 +67,7 @@ def run(
         engine: address of the work engine: "local", "inline" or "tcp://host:port".
         workers: processes of the local engine; None lets it choose.
         overwrite: move folders that were made with other settings aside, instead of refusing.
-        progress: called with (done, total, "stage: note").
+        progress: is told of every work of every stage.
 
     Raises:
         BadInput: a folder was made with other settings, or another process is at work in the run directory.
@@ -120,10 +120,7 @@ def _run_stage(
         # Their folders hold results of other settings, too: without a record no old result passes for the new one.
         paths.record.unlink(missing_ok=True)
 
-    def named(done: int, total: int, note: str) -> None:
-        progress(done, total, note if note.startswith(f"{stage}: ") else f"{stage}: {note}")
-
-    _WORK[stage](experiment, run_dir, open_engine, named)
+    _WORK[stage](experiment, run_dir, open_engine, within(stage, progress))
     if not paths.summary.is_file():
         raise RuntimeError(f"{stage} ended without {paths.summary}")
     if stage in ("evaluation", "report"):

@@ -1,30 +1,49 @@
 """Progress of long work: a bar with the time left on a terminal, now and then a plain line elsewhere.
 
-Long functions take `progress`, a callable of (done, total, note). They know nothing of how it is shown.
+Long functions take `progress: Progress` and know nothing of how it is shown.
 """
 
 import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import TextIO
-
-Progress = Callable[[int, int, str], None]
+from typing import Protocol, TextIO
 
 LINE_PERIOD = 10.0  # seconds between plain lines
 
 
-def silent(done: int, total: int, note: str) -> None:
+class Progress(Protocol):
+    """What a long function tells of its work."""
+
+    def __call__(self, work: str, done: int, total: int, note: str = "") -> None:
+        """Tell how far the work has come.
+
+        Args:
+            work: names it, for example "trajectories": each work has a bar, a clock and a rate of its own.
+            done: number of its parts that are finished.
+            total: number of its parts; 0 when nobody knows.
+            note: what may change while the work goes on, for example "validation error 1.2e-03".
+        """
+        ...
+
+
+def silent(work: str, done: int, total: int, note: str = "") -> None:
     """Show nothing."""
-    del done, total, note
+    del work, done, total, note
+
+
+def within(name: str, progress: Progress) -> Progress:
+    """`progress` for a part of a whole: "trajectories" within "dataset" is the work "dataset: trajectories"."""
+
+    def named(work: str, done: int, total: int, note: str = "") -> None:
+        progress(f"{name}: {work}", done, total, note)
+
+    return named
 
 
 @contextmanager
 def shown(stream: TextIO | None = None) -> Iterator[Progress]:
-    """A progress callable that shows on `stream` (standard error): a bar on a terminal, else plain lines.
-
-    A note's text up to its first colon names the work: when it changes, a new bar or line begins.
-    """
+    """Progress that shows on `stream` (standard error): a bar for each work on a terminal, else plain lines."""
     stream = stream or sys.stderr
     if stream.isatty():
         with _bar(stream) as progress:
@@ -34,18 +53,24 @@ def shown(stream: TextIO | None = None) -> Iterator[Progress]:
 
 
 def plain_lines(stream: TextIO, period: float = LINE_PERIOD, clock: Callable[[], float] = time.monotonic) -> Progress:
-    """Lines such as `dataset: 100/400 (25 %), 12 s left`: each work's first and last, else one in `period` seconds."""
+    """Lines such as `dataset: trajectories 100/400 (25 %), 12 s left`: each work's first and last, else one a period.
+
+    Args:
+        stream: where they are printed.
+        period: of the lines between the first and the last [s].
+        clock: tells the time [s].
+    """
     began: dict[str, tuple[float, int]] = {}
     last: dict[str, float] = {}
 
-    def progress(done: int, total: int, note: str) -> None:
-        now, work = clock(), _work(note)
+    def progress(work: str, done: int, total: int, note: str = "") -> None:
+        now = clock()
         start, first = began.setdefault(work, (now, done))
         finished = 0 < total <= done
         if work in last and not finished and now - last[work] < period:
             return
         last[work] = now
-        text = note
+        text = _text(work, note)
         if total > 0:
             text += f" {done}/{total} ({100 * done // total} %)"
             if first < done < total:
@@ -62,6 +87,7 @@ def plain_lines(stream: TextIO, period: float = LINE_PERIOD, clock: Callable[[],
 def _bar(stream: TextIO) -> Iterator[Progress]:
     from rich import progress as rich
     from rich.console import Console
+    from rich.markup import escape
 
     columns = (
         rich.TextColumn("{task.description}"),
@@ -73,19 +99,17 @@ def _bar(stream: TextIO) -> Iterator[Progress]:
     with rich.Progress(*columns, console=Console(file=stream)) as bars:
         tasks: dict[str, rich.TaskID] = {}
 
-        def progress(done: int, total: int, note: str) -> None:
-            work = _work(note)
+        def progress(work: str, done: int, total: int, note: str = "") -> None:
+            description = escape(_text(work, note))
             if work not in tasks:
-                tasks[work] = bars.add_task(note, total=None)
-            bars.update(tasks[work], completed=done, total=total or None, description=note)
+                tasks[work] = bars.add_task(description, total=None)
+            bars.update(tasks[work], completed=done, total=total or None, description=description)
 
         yield progress
 
 
-def _work(note: str) -> str:
-    """What a note is about."""
-    name, colon, _ = note.partition(":")
-    return name if colon else ""
+def _text(work: str, note: str) -> str:
+    return f"{work}, {note}" if note else work
 
 
 def duration(seconds: float) -> str:

@@ -37,7 +37,7 @@ def test_an_exception_lost_in_the_garbage_collector_comes_again_with_the_next_pr
     sent: list[bool] = []
     with interruptible() as arrived:
         progress = persistent(silent, arrived)
-        progress(0, 2, "before")
+        progress("before", 0, 2)
         gc.callbacks.append(callback)
         try:
             gc.collect()  # swallows the exception
@@ -46,4 +46,4 @@ def test_an_exception_lost_in_the_garbage_collector_comes_again_with_the_next_pr
         assert sent
         assert arrived == [signal.SIGTERM]
         with pytest.raises(Interrupted, match="SIGTERM"):
-            progress(1, 2, "after")
+            progress("after", 1, 2)

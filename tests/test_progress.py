@@ -4,15 +4,15 @@ import io
 
 import pytest
 
-from agile_jax.progress import duration, plain_lines, shown
+from agile_jax.progress import duration, plain_lines, shown, within
 
 
 def test_plain_lines_are_limited_and_tell_the_time_left() -> None:
     now = 0.0
     stream = io.StringIO()
-    progress = plain_lines(stream, period=10.0, clock=lambda: now)
+    progress = within("dataset", plain_lines(stream, period=10.0, clock=lambda: now))
     for done in range(101):
-        progress(done, 100, "dataset: trajectories")
+        progress(done=done, total=100, work="trajectories")
         now += 1.0
     lines = stream.getvalue().splitlines()
     assert lines[0] == "dataset: trajectories 0/100 (0 %)"
@@ -22,21 +22,21 @@ def test_plain_lines_are_limited_and_tell_the_time_left() -> None:
 
 
 def test_each_work_has_its_own_clock_and_resumed_work_its_own_rate() -> None:
-    """A work is named before the note's colon; notes without one are all of one work."""
+    """What a note says, with a colon or without, changes no work."""
     now = 0.0
     stream = io.StringIO()
     progress = plain_lines(stream, period=5.0, clock=lambda: now)
-    progress(80, 100, "a: resumed")
-    progress(0, 0, "b: no total")
-    progress(0, 9, "0.1 s simulated")
-    progress(0, 9, "0.2 s simulated")
+    progress("a", 80, 100, "resumed")
+    progress("b", 0, 0, "no total")
+    progress("c", 0, 9, "0.1 s: simulated")
+    progress("c", 0, 9, "0.2 s: simulated")
     now = 10.0
-    progress(90, 100, "a: resumed")
+    progress("a", 90, 100, "resumed")
     assert stream.getvalue().splitlines() == [
-        "a: resumed 80/100 (80 %)",
-        "b: no total",
-        "0.1 s simulated 0/9 (0 %)",
-        "a: resumed 90/100 (90 %), 10 s left",  # ten in ten seconds, not ninety
+        "a, resumed 80/100 (80 %)",
+        "b, no total",
+        "c, 0.1 s: simulated 0/9 (0 %)",
+        "a, resumed 90/100 (90 %), 10 s left",  # ten in ten seconds, not ninety
     ]
 
 
@@ -45,7 +45,7 @@ def test_a_closed_reader_does_not_end_the_work() -> None:
         def write(self, text: str) -> int:
             raise BrokenPipeError
 
-    plain_lines(Closed())(1, 2, "work")
+    plain_lines(Closed())("work", 1, 2)
 
 
 def test_a_terminal_gets_a_bar() -> None:
@@ -55,9 +55,9 @@ def test_a_terminal_gets_a_bar() -> None:
 
     stream = Terminal()
     with shown(stream) as progress:
-        progress(1, 4, "dataset: trajectories")
-        progress(4, 4, "dataset: trajectories")
-    assert "dataset: trajectories" in stream.getvalue()
+        progress("dataset: trajectories", 1, 4, "[left]")
+        progress("dataset: trajectories", 4, 4, "[left]")
+    assert "dataset: trajectories, [left]" in stream.getvalue()
     assert "4/4" in stream.getvalue()
 
 

@@ -62,7 +62,7 @@ def benchmark_evaluation(
         experiment: all settings.
         run_dir: holds the policy under `training/`.
         threads: of the C physics.
-        progress: called with (measured, all, note).
+        progress: is told of each measurement.
     """
     device = jax.devices()[0]
     batches = CPU_BATCHES if device.platform == "cpu" else GPU_BATCHES
@@ -70,7 +70,7 @@ def benchmark_evaluation(
     metrics: list[Metric] = []
     best: dict[str, float] = {}
     for done, (backend, batch) in enumerate(plan):
-        progress(done, len(plan), f"{backend}, {batch} robots")
+        progress("measuring", done, len(plan), f"{backend}, {batch} robots")
         speed, parts = _measure(_inputs(experiment, backend, batch), run_dir, batch, threads)
         best[backend] = max(best.get(backend, 0.0), speed)
         metrics.append(
@@ -80,7 +80,7 @@ def benchmark_evaluation(
             metrics += _part_metrics(batch, parts)
     if device.platform == "cpu":
         for batch in WORKER_BATCHES:
-            progress(len(plan), len(plan) + 1, f"workers, {batch} robots each")
+            progress("measuring", len(plan), len(plan) + 1, f"workers, {batch} robots each")
             speed, workers = _workers_speed(_inputs(experiment, "mujoco", batch), run_dir, batch)
             best["workers"] = max(best.get("workers", 0.0), speed)
             meaning = f"the same in {workers} workers of {batch} robots each"

@@ -58,13 +58,13 @@ def benchmark_expert(experiment: Experiment, starts: int = 100, progress: Progre
 
     for name, solve in methods.items():  # each builds its solvers; ours builds one for each number of phases
         for i, pose in enumerate(poses if name == "ours" else poses[:1]):
-            progress(i, starts, f"warming up: {name}")
+            progress("warming up", i, starts, name)
             solve(pose)
     attempts: dict[str, list[Attempt]] = {name: [] for name in methods}
     for i, pose in enumerate(poses):
         for name, solve in methods.items():
             attempts[name].append(solve(pose))
-        progress(i + 1, starts, "measuring: starts")
+        progress("measuring", i + 1, starts, "starts")
     return {
         "benchmark": "expert",
         "experiment": experiment.name,

@@ -48,7 +48,7 @@ def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progre
     Args:
         settings: of the controller.
         count: problems of each kind.
-        progress: called with (done, all, note).
+        progress: is told of each solver.
     """
     import jax
 
@@ -65,15 +65,15 @@ def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progre
         problems = [dense_qp(constants, qp, index) for index in range(count)]
         exact: dict[bool, list[np.ndarray | None]] = {}
         for pyramid in (False, True):
-            progress(0, count, f"{condition}: exact solutions")
+            progress(condition, 0, count, "exact solutions")
             reference = make_clarabel(EXACT, pyramid)
             exact[pyramid] = [reference.solve(reference.prepare(problem)) for problem in problems]
         found: dict[str, Measured] = {}
         for name, peer in peers.items():
-            progress(0, count, f"{condition}: {name}")
+            progress(condition, 0, count, name)
             found[name] = measure_peer(peer, problems)
         for name, batch, pyramid in ours(gpu):
-            progress(0, count, f"{condition}: {name}")
+            progress(condition, 0, count, name)
             found[name] = measure_ours(settings.mpc, constants, qp, problems, batch, pyramid)
         metrics += condition_metrics(condition, found, problems, exact)
     return {

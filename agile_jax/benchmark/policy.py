@@ -42,7 +42,7 @@ def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progre
     batch = np.resize(poses, (BATCH, poses.shape[1]))
 
     for i, pose in enumerate(poses):  # builds the solvers that the measured starts need
-        progress(i, starts, "warming up")
+        progress("warming up", i, starts)
         expert.solve(pose)
     velocities(poses[:1]), velocities(batch)
     singles, batches, solves = [], [], []
@@ -50,7 +50,7 @@ def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progre
         solves.append(_seconds(expert.solve, pose))
         batches.append(_seconds(velocities, batch))
         singles += [_seconds(velocities, pose[None]) for _ in range(SINGLE_CALLS)]
-        progress(i + 1, starts, "measuring: starts")
+        progress("measuring", i + 1, starts, "starts")
     return {
         "benchmark": "policy",
         "experiment": experiment.name,

@@ -75,7 +75,7 @@ def benchmark_tracking(
         duration: of a tracking episode [s].
         disturbed_duration: of an episode of the robustness rows [s].
         threads: of the physics.
-        progress: called with (rows done, rows, name).
+        progress: is told of the rows done.
     """
     rows: dict[str, dict[str, Any]] = {}
     rows_in_all = len(TRACKING) + len(ROBUSTNESS)
@@ -84,7 +84,7 @@ def benchmark_tracking(
     jobs = [(name, ranges, UNDISTURBED, duration) for name, ranges in TRACKING.items()]
     jobs += [(name, NOMINAL, disturbance, disturbed_duration) for name, disturbance in ROBUSTNESS.items()]
     for done, (name, ranges, disturbance, seconds) in enumerate(jobs):
-        progress(done, rows_in_all, name)
+        progress("tracking", done, rows_in_all, name)
         loop = undisturbed if disturbance == UNDISTURBED else tracking_loop(robot, experiment.control, disturbance)
         columns = track_commands(
             random_commands(episodes, experiment.seed, *ranges),

@@ -74,7 +74,7 @@ def benchmark_training(
         raise BadInput(f"steps = {steps} and repetitions = {repetitions} must be at least 1")
     if experiment.policy.activation != "tanh":
         raise BadInput(f'policy.activation = "{experiment.policy.activation}": this benchmark knows only "tanh"')
-    progress(0, repetitions, "compiling")
+    progress("compiling", 0, repetitions)
     workload, compiled = throughput.make_workload(experiment.policy, experiment.training, steps)
     products = throughput.make_products(workload)
     product_seconds: dict[str, list[float]] = {product.name: [] for product in products}
@@ -100,7 +100,7 @@ def benchmark_training(
                 found = run()
                 if i > 0:
                     timings[name].append(found)
-            progress(i, repetitions, "measuring: repetitions")
+            progress("measuring", i, repetitions, "repetitions")
     work = dict.fromkeys(methods, flops) | {"products": sum(product.flops for product in products)}
     work["torch_products"] = 2.0 * workload.rows.shape[1] * max(kernel.size for kernel in workload.kernels)
     return {

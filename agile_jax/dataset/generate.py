@@ -89,7 +89,7 @@ def generate(
 
     missing = [i for i in range(count) if i not in shards]
     done = sum(len(arrays["index"]) for arrays, _ in shards.values())
-    progress(done, expert_settings.trajectories, "trajectories")
+    progress("trajectories", done, expert_settings.trajectories)
     failures: list[str] = []
     if missing:
         tasks = [ShardTask(scene_settings, expert_settings, seed, i) for i in missing]
@@ -110,7 +110,7 @@ def generate(
                 write_json(directory / "timing.json", timing)
                 shards[i] = (arrays, sha256(result.data))
                 done += len(arrays["index"])
-                progress(done, expert_settings.trajectories, "trajectories")
+                progress("trajectories", done, expert_settings.trajectories)
     if failures:
         raise IncompleteDatasetError(
             f"{len(failures)} of {count} shards could not be made ({'; '.join(sorted(failures))}); "

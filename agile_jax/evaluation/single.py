@@ -1,7 +1,7 @@
 """One closed-loop episode, for looking at."""
 
 import pathlib
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any, Protocol
 
 import numpy as np
@@ -9,7 +9,7 @@ import numpy as np
 from agile_jax.dataset import time_limit
 from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
 from agile_jax.expert import check_start, make_expert
-from agile_jax.progress import silent
+from agile_jax.progress import Progress, silent
 from agile_jax.scene import make_scene
 from agile_jax.simulation import OUTCOME_NAMES, Recorder, Trace, gather, stream
 
@@ -25,7 +25,7 @@ def rollout_one(
     run_directory: pathlib.Path,
     start: Sequence[float],
     watch: Watcher | None = None,
-    progress: Callable[[int, int, str], None] = silent,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Run one episode in C MuJoCo.
 
@@ -34,7 +34,7 @@ def rollout_one(
         run_directory: holds `training/`.
         start: pose [x, y, z, yaw] [m, rad].
         watch: called with the recorded episode.
-        progress: called with (0 or 1, 1, note).
+        progress: is told of the one episode.
 
     Returns:
         Outcome, times and quality, with units in the names.
@@ -53,7 +53,7 @@ def rollout_one(
 
     def record(holds: np.ndarray) -> None:
         recorder(holds)
-        progress(0, 1, "simulated")
+        progress("episode", 0, 1)
 
     rollout = gather(1, stream(backend.slots, backend.qpos(pose[None]), limits, record))
     outcome, trace = rollout.outcome, recorder.traces(scene, backend.plan_dt)[0]

@@ -49,7 +49,7 @@ def evaluate(
     run_directory: pathlib.Path,
     engine: Callable[[], AbstractContextManager[Engine]],
     threads: int = 2,
-    progress: Callable[[int, int, str], None] = silent,
+    progress: Progress = silent,
 ) -> dict[str, Any]:
     """Run the episodes and write `evaluation/<backend>.json`, `.npz` and `-traces.npz`.
 
@@ -60,7 +60,7 @@ def evaluate(
         run_directory: holds `training/`.
         engine: opens the work engine for the expert's times, and for the episodes with `where` = "workers".
         threads: of the C physics.
-        progress: called with (episodes ended, episodes, note).
+        progress: is told of the episodes that have ended.
 
     Returns:
         The summary, with the keys of the run directory's contract.
@@ -76,7 +76,7 @@ def evaluate(
 
     expert = load_chunk(chunks / "expert.npz", identity)
     if expert is None:
-        progress(0, len(starts), "expert times")
+        progress("expert times", 0, len(starts))
         found = expert_times(inputs.scene, inputs.expert, starts, engine)
         expert = {
             "expert_time": found.duration,
@@ -149,7 +149,7 @@ class _Chunks:
 
     def report(self, done: int) -> None:
         """Say how many of the episodes that were missing are done."""
-        self._progress(self._there + done, self._episodes, "episodes")
+        self._progress("episodes", self._there + done, self._episodes)
 
     def columns(self) -> Columns:
         """All rows."""

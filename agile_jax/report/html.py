@@ -21,7 +21,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
     Args:
         run_dir: as the pipeline leaves it (docs/architecture.md); any stage may be missing.
         experiment: the run's settings.
-        progress: called with (parts done, parts, what comes next).
+        progress: is told of what comes next.
 
     Returns:
         The path of the HTML file.
@@ -43,9 +43,9 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
     training = _read(run_dir / "training" / "summary.json", run_dir, problems)
     evaluations = {name: _read(run_dir / "evaluation" / f"{name}.json", run_dir, problems) or {} for name in backends}
 
-    progress(0, total, "planned paths")
+    progress("page", 0, total, "planned paths")
     plan = guarded(lambda: run_figures.paths(run_dir, experiment))
-    progress(1, total, "learned field")
+    progress("page", 1, total, "learned field")
     floor = (training or {}).get("noise_floor_mse")
     learning = guarded(lambda: sections.training_table(training))
     learning += guarded(lambda: run_figures.learning_curve(run_dir, floor if isinstance(floor, float) else None))
@@ -53,7 +53,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
     learning += guarded(lambda: run_figures.closed_loop(run_dir, experiment))
     results, pictures, records = [], "", {}
     for number, backend in enumerate(backends):
-        progress(2 + number, total, f"episodes of {backend}")
+        progress("page", 2 + number, total, f"episodes of {backend}")
         body = sections.evaluation_table(evaluations[backend])
         try:
             shown, moving, rendered = run_figures.evaluation(run_dir, experiment, backend)
@@ -64,7 +64,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
         pictures += moving
         results.append(Section(f"evaluation-{backend}", f"Evaluation: {backend}", body + shown))
     write_record(run_dir, records)
-    progress(total - 1, total, "page")
+    progress("page", total - 1, total, "text")
 
     overview = sections.overview(dataset, training, evaluations) + "".join(paragraph(text) for text in problems)
     parts = [
@@ -80,7 +80,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
     path = run_dir / "report.html"
     subtitle = "From optimal control to a robot that walks and crawls to its target: what this run did, and how well."
     write_atomic(path, page(experiment.name, subtitle, parts).encode())
-    progress(total, total, "done")
+    progress("page", total, total)
     return path
 
 

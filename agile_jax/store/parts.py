@@ -60,7 +60,7 @@ def complete_parts(
                 np.savez(buffer, allow_pickle=False, key=np.array(key), **result)
                 write_atomic(paths[i], buffer.getvalue())
                 found[i] = result
-                progress(len(found), len(tasks), f"{directory.name}: parts")
+                progress(directory.name, len(found), len(tasks), "parts")
     if failures:
         raise TasksFailedError(f"{directory}: {'; '.join(sorted(failures))}; the other parts are kept")
     digest = hash_json([key, *(sha256(path.read_bytes()) for path in paths)])

@@ -72,7 +72,7 @@ def run_sweep(
         sweep_dir: made if missing; held alone while this runs.
         engine: address of the work engine that each trial uses.
         workers: processes of a local engine.
-        progress: called with (trials ended, trials, note).
+        progress: is told of the trials that have ended.
 
     Raises:
         BadInput: the sweep or one of its points is not valid, or another process is at work in the folder.
@@ -84,7 +84,7 @@ def run_sweep(
         for number, trial in enumerate(trials):
             if not _finished(trial, settings):
                 varied = point_text(trial.values)
-                progress(number, len(trials), f"sweep: {varied} (log in {trial.run_dir / 'log.txt'})")
+                progress("trials", number, len(trials), f"{varied} (log in {trial.run_dir / 'log.txt'})")
                 began = time.monotonic()
                 cause = _run_trial(trial, settings, sweep_dir, engine, workers)
                 seconds = time.monotonic() - began
@@ -93,7 +93,7 @@ def run_sweep(
                 else:
                     trials[number] = _judged(trial, settings, seconds)
                 _write_results(experiment, sweep_dir, trials)
-            progress(number + 1, len(trials), "sweep: trials")
+            progress("trials", number + 1, len(trials))
     return trials
 
 

@@ -107,7 +107,7 @@ def fit_policy(
         state = TrainState(restored.state["parameters"], restored.state["optimizer"], step)
         kept = restored.state.get("kept")
     last = epoch if stops(validation_errors(rows), settings) else settings.epochs
-    progress(epoch, last, "training: compiling" if epoch < last else "training: done already")
+    progress("fit", epoch, last, "compiling" if epoch < last else "done already")
     compiled = compile_training(policy, settings, state, samples, held_out, keys, unit) if epoch < last else None
     schedule = make_schedule(settings, steps * settings.epochs)
     with MetricsLog(directory, rows) as log:
@@ -131,7 +131,7 @@ def fit_policy(
                 metadata = {"rows": log.rows, "seconds": seconds}
                 checkpoint = Checkpoint(done, _saved(state, kept), best, metadata)
                 save_checkpoint(folder, checkpoint, identity, settings.keep)
-            progress(done, last, f"training: validation error {row['validation_mse']:.2e}")
+            progress("fit", done, last, f"validation error {row['validation_mse']:.2e}")
     errors = validation_errors(log.rows)
     by_seed, chosen = state.parameters if kept is None else kept, chosen_seed(errors, settings)
     parameters, epochs = of_seed(by_seed, chosen), kept_epochs(errors, settings)

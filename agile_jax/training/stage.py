@@ -119,7 +119,7 @@ def train(
         units.output,
     )
     fitted, parameters = rounds.fitted, rounds.fitted.parameters
-    progress(0, 0, "training: noise floor")
+    progress("noise floor", 0, 0)
     floor = dataset_noise_floor(policy, parameters, dataset, dataset_settings)
     test_mse = error_on(policy, parameters, test)
     save_test_errors(policy, parameters, test, directory / "test_errors.npz")

@@ -104,7 +104,7 @@ from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.scene import SceneSettings
 
-def slowly(done, total, note):
+def slowly(work, done, total, note=""):
     print(done, flush=True)
     time.sleep(0.3)
 

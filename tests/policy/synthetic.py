@@ -6,6 +6,7 @@ import sys
 import numpy as np
 
 from agile_jax.policy import PolicySettings, make_policy
+from agile_jax.progress import silent
 from agile_jax.scene import Scene, SceneSettings, TableSettings, make_scene
 from agile_jax.training import TrainingSettings, fit_policy
 
@@ -35,11 +36,11 @@ def smooth_labels(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
     return poses, velocities
 
 
-def train_small(directory: pathlib.Path, progress=lambda done, total, note: None):
+def train_small(directory: pathlib.Path, progress=silent):
     policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
     labels = smooth_labels(500), smooth_labels(100, 1)
     return policy, fit_policy(policy, *labels, BRIEF, IDENTITY, 3, directory, progress)
 
 
 if __name__ == "__main__":  # the process that test_resumption kills: says when an epoch is done
-    train_small(pathlib.Path(sys.argv[1]), lambda done, total, note: print(done, flush=True))
+    train_small(pathlib.Path(sys.argv[1]), lambda work, done, total, note="": print(done, flush=True))

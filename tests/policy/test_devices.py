@@ -46,7 +46,7 @@ class StopError(Exception):
     pass
 
 
-def stop_halfway(done, total, note):
+def stop_halfway(work, done, total, note=""):
     if done == HALFWAY + 1:
         raise StopError
 

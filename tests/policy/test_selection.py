@@ -88,7 +88,7 @@ def test_interrupted_seeds_and_selection_go_on_to_the_same_bits(three, policy, t
     class StopError(Exception):
         pass
 
-    def stop(done, total, note):
+    def stop(work, done, total, note=""):
         if done == 6:
             raise StopError
 

@@ -106,7 +106,7 @@ def test_training_twice_gives_the_same_bits_and_another_seed_others(uninterrupte
 def test_finished_training_trains_no_more(uninterrupted):
     before = (uninterrupted / "metrics.jsonl").read_bytes()
     calls = []
-    train_small(uninterrupted, lambda done, total, note: calls.append(done))
+    train_small(uninterrupted, lambda work, done, total, note="": calls.append(done))
     assert calls == [8]  # it only said where it stands
     assert (uninterrupted / "metrics.jsonl").read_bytes() == before
 

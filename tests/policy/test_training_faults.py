@@ -31,7 +31,7 @@ def test_full_disk_while_saving_is_said_in_one_line_and_training_goes_on_afterwa
     hard = resource.getrlimit(resource.RLIMIT_FSIZE)[1]
     before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
 
-    def fill(done, total, note):
+    def fill(work, done, total, note=""):
         if done == 3:
             resource.setrlimit(resource.RLIMIT_FSIZE, (3000, hard))
 

@@ -60,7 +60,7 @@ def without_video(inputs: RunInputs) -> RunInputs:
 
 def test_a_whole_run(run_dir, inputs):
     notes = []
-    path = write_report(run_dir, inputs, lambda done, total, note: notes.append((done, total, note)))
+    path = write_report(run_dir, inputs, lambda work, done, total, note="": notes.append((done, total, note)))
     assert path == run_dir / "report.html"
     page = Page(path.read_text())
     assert page.tags.count("video") == 1

@@ -22,7 +22,7 @@ from agile_jax.benchmark.workloads.disturbance import (
 )
 from agile_jax.control import ControllerState, ControlSettings, keep_counts, make_controller
 from agile_jax.geometry import quaternion_to_matrix, rotation_2d
-from agile_jax.progress import silent
+from agile_jax.progress import Progress, silent
 from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, load_robot, robot_state, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
@@ -206,7 +206,7 @@ def track_commands(
     seed: int = 0,
     threads: int = 2,
     loop: Loop | None = None,
-    progress: Callable[[int, int, str], None] = silent,
+    progress: Progress = silent,
     watch: Callable[[Sensed, Tracked], None] | None = None,
 ) -> dict[str, np.ndarray]:
     """Run one episode for each command, all at once.
@@ -221,7 +221,7 @@ def track_commands(
         seed: of the disturbances' draws.
         threads: of the physics.
         loop: from `tracking_loop` with the same settings, if it is there already.
-        progress: called with (plans done, plans, note).
+        progress: is told of the plans done.
         watch: called after every plan period with what is sensed and the states.
 
     Returns:
@@ -253,7 +253,7 @@ def track_commands(
             active &= ~np.isfinite(np.asarray(states.tally.fall_time))
             if watch is not None:
                 watch(sensed, states)
-            progress(k + 1, plans, "tracking")
+            progress("tracking", k + 1, plans)
     return columns(states)
 
 

@@ -79,7 +79,7 @@ def record_problems(
         count: of problems; each robot gives 20.
         seed: of commands, moments and disturbances.
         plans: how long each robot walks, at least 40.
-        progress: called with (plans made, plans, note).
+        progress: is told of the plans made.
     """
     rng = np.random.default_rng(seed)
     robots = -(-count // PER_ROBOT)
@@ -106,7 +106,7 @@ def record_problems(
             for _ in range(round(settings.plan_dt / settings.control_dt)):
                 state, torque = act(state, as_float32(sensed))
                 sensed = physics.step(np.asarray(torque, np.float64), active)
-            progress(k + 1, plans, f"{robots} robots walk")
+            progress(f"{robots} robots walk", k + 1, plans)
     return Problems(*(jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *some) for some in (calm, hard)))
 
 

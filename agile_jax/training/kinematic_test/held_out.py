@@ -106,7 +106,7 @@ def closed_loop_test(
         part = slice(first, first + BATCH)
         followed = follower(parameters, starts[part], limits[part])
         rows.append(followed._replace(poses=np.empty((len(followed.outcome), 0, 4), np.float32)))
-        progress(min(first + BATCH, len(starts)), len(starts), "closed loop")
+        progress("kinematic test", min(first + BATCH, len(starts)), len(starts))
     whole = Followed(*(np.concatenate(columns) for columns in zip(*rows, strict=True)))
     ratio = whole.arrival_time / times
     worst = worst_rows(whole, ratio)
