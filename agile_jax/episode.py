@@ -1,94 +1,97 @@
-"""One closed-loop episode of a finished run, and its film."""
+"""One recorded episode of the robot: how it ended, its motion, its picture and its film."""
 
+import dataclasses
 import pathlib
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
-from agile_jax.experiment import load_experiment
-from agile_jax.progress import Progress, silent
-from agile_jax.run_directory import stage_state
+import numpy as np
+from jaxtyping import Float
+
+from agile_jax.experiment import Experiment
+from agile_jax.geometry import quaternion_to_rpy
+from agile_jax.scene import make_scene
 from agile_jax.settings import BadInput
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
-def rollout(
-    run_dir: pathlib.Path, start: Sequence[float], video: pathlib.Path | None = None, progress: Progress = silent
-) -> dict[str, Any]:
-    """Let the robot run from a pose with the policy of a run directory.
+    from agile_jax.simulation import Trace
 
-    Args:
-        run_dir: with a finished training.
-        start: pose [x, y, z, yaw] [m, rad].
-        video: film the episode to this mp4.
-        progress: is told of the episode.
 
-    Returns:
-        Outcome, times and quality, with units in the names; `video` and `video_note` when it was filmed.
+@dataclasses.dataclass(frozen=True, repr=False)
+class RecordedEpisode:
+    """An episode of K moments, one for each plan of the controller.
 
-    Raises:
-        BadInput: no finished training there, or the start is outside the bounds or too near to an obstacle.
+    Attributes:
+        experiment: its scene and robot.
+        trace: the motion: time, coordinates, velocities, torques, reference, clearance.
+        summary: outcome, times and quality, with units in the names.
     """
-    if not run_dir.is_dir():
-        raise BadInput(f"{run_dir}: no such run directory; `agile run EXPERIMENT.toml` makes one")
-    experiment = load_experiment(run_dir / "experiment.toml")
-    if stage_state(run_dir, experiment, "training") != "done":
-        raise BadInput(f"{run_dir}: its training is not finished; `agile train {run_dir / 'experiment.toml'}` first")
-    from agile_jax.evaluation.single import rollout_one
 
-    film: dict[str, Any] = {}
+    experiment: Experiment
+    trace: "Trace"
+    summary: Mapping[str, object]
 
-    def watch(trace: Any) -> None:
-        if video is None:
-            return
+    @property
+    def outcome(self) -> str:
+        """How it ended: success, collision, fall, timeout or unstable; "" of a recording that does not say."""
+        return str(self.summary.get("outcome", ""))
+
+    @property
+    def poses(self) -> Float[np.ndarray, "k 4"]:
+        """[x, y, z, yaw] of the trunk [m, rad]."""
+        return np.concatenate([self.trace.qpos[:, :3], quaternion_to_rpy(self.trace.qpos[:, 3:7])[:, 2:]], -1)
+
+    def plot(self, ax: "Axes | None" = None) -> "Axes":
+        """Draw the trunk's path and the scene from above; without `ax` on a new figure, `ax.figure`."""
+        from agile_jax.report import plot_path
+
+        return plot_path(make_scene(self.experiment.scene), self.poses, ax, f"robot: {self.outcome or 'recorded'}")
+
+    def video(self, file: pathlib.Path | str) -> str | None:
+        """Film it to an mp4 in real time.
+
+        Returns:
+            None, or one line: why the pictures are drawings, and what to install for rendered ones.
+
+        Raises:
+            BadInput: no moment of it is finite.
+        """
         from agile_jax.report import render_video
 
-        video.parent.mkdir(parents=True, exist_ok=True)
-        note = render_video(experiment.scene, experiment.robot, trace, video, experiment.report)
-        film.update({"video": str(video)} | ({"video_note": note} if note else {}))
+        if not len(self.trace.time):
+            raise BadInput("no sample is finite, so there is nothing to film")
+        file = pathlib.Path(file)
+        file.parent.mkdir(parents=True, exist_ok=True)
+        return render_video(self.experiment.scene, self.experiment.robot, self.trace, file, self.experiment.report)
 
-    return rollout_one(experiment, run_dir, start, watch, progress) | film
+    def __repr__(self) -> str:
+        return f"RecordedEpisode({self.outcome or 'recorded'}, {len(self.trace.time)} moments)"
 
 
-def replay(run_dir: pathlib.Path, file: pathlib.Path, video: pathlib.Path | None = None) -> dict[str, Any]:
-    """Look at a recorded episode: `evaluation/<backend>-unstable/episode-N.npz`, or the first of `-traces.npz`.
+def load_recording(experiment: Experiment, file: pathlib.Path) -> RecordedEpisode:
+    """A recorded episode: `evaluation/<backend>-unstable/episode-N.npz`, or the first of `-traces.npz`.
 
-    Args:
-        run_dir: where the experiment's scene and robot stand.
-        file: the recording.
-        video: film its finite part to this mp4.
-
-    Returns:
-        How it went, with units in the names.
+    Its trace ends before the first sample that is not finite, its summary says where that is.
 
     Raises:
-        BadInput: no such run or recording.
+        BadInput: no such recording.
     """
-    import numpy as np
-
     from agile_jax.evaluation.store import load_traces
 
-    if not run_dir.is_dir():
-        raise BadInput(f"{run_dir}: no such run directory; `agile run EXPERIMENT.toml` makes one")
-    experiment = load_experiment(run_dir / "experiment.toml")
     trace = load_traces(file)[0]
     finite = np.isfinite(trace.qpos).all(-1) & np.isfinite(trace.qvel).all(-1)
     sound = len(finite) if finite.all() else int(np.argmin(finite))
     shown = type(trace)(*(values[:sound] for values in trace))
-    result: dict[str, Any] = {"from_s": float(trace.time[0]), "to_s": float(trace.time[-1])}
-    result["first_bad_sample_s"] = None if finite.all() else float(trace.time[sound])
+    summary: dict[str, object] = {"from_s": float(trace.time[0]), "to_s": float(trace.time[-1])}
+    summary["first_bad_sample_s"] = None if finite.all() else float(trace.time[sound])
     if sound:
-        result |= {
+        summary |= {
             "last_good_height_m": float(shown.qpos[-1, 2]),
             "largest_speed_m_s": float(np.linalg.norm(shown.qvel[:, :3], axis=-1).max()),
             "largest_joint_speed_rad_s": float(np.abs(shown.qvel[:, 6:]).max()),
             "largest_torque_nm": float(np.nanmax(np.abs(shown.torque))),
             "reference_is_finite": bool(np.isfinite(trace.reference).all()),
         }
-    if video is not None:
-        if not sound:
-            raise BadInput(f"{file}: no sample is finite, so there is nothing to film")
-        from agile_jax.report import render_video
-
-        video.parent.mkdir(parents=True, exist_ok=True)
-        note = render_video(experiment.scene, experiment.robot, shown, video, experiment.report)
-        result |= {"video": str(video)} | ({"video_note": note} if note else {})
-    return result
+    return RecordedEpisode(experiment, shown, summary)

@@ -23,7 +23,7 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "flax": {"policy", "training"},
     "optax": {"training", "benchmark"},
     "tensorboardX": {"training"},
-    "matplotlib": {"report"},
+    "matplotlib": {"report", "episode.py", "solving.py"},  # these two for the type of Axes
     "mpl_toolkits": {"report"},
     "imageio": {"report"},
     "imageio_ffmpeg": {"report"},

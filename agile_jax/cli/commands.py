@@ -119,13 +119,15 @@ def sweep(argv: list[str]) -> int:
 
 def plan(argv: list[str]) -> int:
     """`agile plan`: one expert solve, printed and drawn."""
-    from agile_jax.planning import plan as solve
+    from agile_jax.solving import solve
 
     experiment, options = parse_experiment("plan", PlanOptions(start=tyro.MISSING), argv)
-    solution = solve(experiment, options.start, options.output, options.target)
+    solution = solve(experiment, options.start, options.target)
     if solution.status != "solved":
         print(f"no path from {list(options.start)}: {solution.cause}", file=sys.stderr)
         return FAILED
+    if options.output is not None:
+        solution.save(options.output, experiment.name)
     print(f"duration      {solution.duration:.4f} s")
     print(f"lower bound   {solution.lower_bound:.4f} s (gap {100 * solution.gap:.2f} %)")
     print(f"branch        {solution.branch}")
@@ -138,17 +140,21 @@ def plan(argv: list[str]) -> int:
 
 def rollout(argv: list[str]) -> int:
     """`agile rollout`: one closed-loop episode of a finished run."""
-    from agile_jax.episode import replay
-    from agile_jax.episode import rollout as run_episode
+    from agile_jax.runs import open_run
 
     run_dir, options = parse_run_dir("rollout", RolloutOptions(), argv)
     if (options.start is None) == (options.replay is None):
         raise BadInput("rollout needs either --start X Y Z YAW or --replay FILE")
-    if options.replay is not None:
-        result = replay(run_dir, options.replay, options.video)
-    elif options.start is not None:
-        with _progress() as progress:
-            result = run_episode(run_dir, options.start, options.video, progress)
+    run = open_run(run_dir)
+    with _progress() as progress:
+        if options.replay is not None:
+            episode = run.recording(options.replay)
+        elif options.start is not None:
+            episode = run.rollout(options.start, progress)
+    result = dict(episode.summary)
+    if options.video is not None:
+        note = episode.video(options.video)
+        result |= {"video": str(options.video)} | ({"video_note": note} if note else {})
     for key, value in result.items():
         print(f"{key:<28}{_number(value)}")
     return DONE
@@ -156,10 +162,10 @@ def rollout(argv: list[str]) -> int:
 
 def export(argv: list[str]) -> int:
     """`agile export`: the policy of a finished run, for use elsewhere."""
-    from agile_jax.exporting import export as export_run
+    from agile_jax.runs import open_run
 
     run_dir, options = parse_run_dir("export", ExportOptions(), argv)
-    for path in export_run(run_dir, options.output):
+    for path in open_run(run_dir).export(options.output):
         print(path)
     return DONE
 

@@ -2,7 +2,6 @@
 
 import pathlib
 from collections.abc import Sequence
-from typing import Any, Protocol
 
 import numpy as np
 
@@ -14,30 +13,22 @@ from agile_jax.scene import make_scene
 from agile_jax.simulation import OUTCOME_NAMES, Recorder, Trace, gather, stream
 
 
-class Watcher(Protocol):
-    """Receives the recorded episode, for example to draw it."""
-
-    def __call__(self, trace: Trace) -> None: ...  # noqa: D102
-
-
 def rollout_one(
     inputs: Inputs,
     run_directory: pathlib.Path,
-    start: Sequence[float],
-    watch: Watcher | None = None,
+    start: Sequence[float] | np.ndarray,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> tuple[Trace, dict[str, object]]:
     """Run one episode in C MuJoCo.
 
     Args:
         inputs: settings, for example an Experiment.
         run_directory: holds `training/`.
         start: pose [x, y, z, yaw] [m, rad].
-        watch: called with the recorded episode.
         progress: is told of the one episode.
 
     Returns:
-        Outcome, times and quality, with units in the names.
+        The recorded motion; outcome, times and quality, with units in the names.
 
     Raises:
         BadInput: the start is inside an obstacle or out of bounds.
@@ -57,10 +48,8 @@ def rollout_one(
 
     rollout = gather(1, stream(backend.slots, backend.qpos(pose[None]), limits, record))
     outcome, trace = rollout.outcome, recorder.traces(scene, backend.plan_dt)[0]
-    if watch is not None:
-        watch(trace)
     name = OUTCOME_NAMES[int(outcome.status[0])]
-    return {
+    return trace, {
         "outcome": name,
         "arrival_time_s": float(outcome.inside_since[0]) if name == "success" else None,
         "expert_time_s": float(expert_time) if np.isfinite(expert_time) else None,

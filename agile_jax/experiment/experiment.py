@@ -138,7 +138,7 @@ class Experiment(Settings):
         return self.sweep.space.get("evaluation.backend", (self.evaluation.backend, *listed))
 
 
-def load_experiment(path: pathlib.Path, overrides: Mapping[str, Any] | None = None) -> Experiment:
+def load_experiment(path: pathlib.Path | str, overrides: Mapping[str, Any] | None = None) -> Experiment:
     """Read, merge, override and validate an experiment file.
 
     Args:
@@ -148,7 +148,7 @@ def load_experiment(path: pathlib.Path, overrides: Mapping[str, Any] | None = No
     Raises:
         BadInput: with every error, one a line: file, dotted key, value, what is allowed, nearest valid name.
     """
-    return _make(override(read_table(path), overrides or {}))
+    return _make(override(read_table(pathlib.Path(path)), overrides or {}))
 
 
 def with_overrides(experiment: Experiment, overrides: Mapping[str, Any], source: str) -> Experiment:
