@@ -156,8 +156,8 @@ def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEn
         run_dir / "training",
         progress,
         experiment.dataset,
-        experiment.closed_loop,
-        experiment.dagger,
+        experiment.kinematic_test,
+        experiment.aggregation,
         open_engine,
     )
 

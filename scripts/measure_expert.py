@@ -32,7 +32,11 @@ def problem(path=TABLE):
     """Scene, settings and the function that draws start i."""
     experiment = load_experiment(path)
     scene, settings = make_scene(experiment.scene), experiment.expert
-    return scene, settings, lambda i: draw_start(scene, experiment.scene, settings, experiment.seed, i).poses[0]
+    return (
+        scene,
+        settings,
+        lambda i: draw_start(scene, experiment.scene, settings, experiment.dataset, experiment.seed, i).poses[0],
+    )
 
 
 def measure_ends(count):

@@ -20,10 +20,10 @@ FILES = {
     "type.toml": "[training]\nepochs = 'many'",
     "close.toml": "[scene]\ntarget = [2.04, 0.0, 0.28, 0.0]",
     "filter.toml": "[policy]\nfilter_margin = 0.03",
-    "rounds.toml": "[dagger]\nrounds = 1",
+    "rounds.toml": "[aggregation]\nrounds = 1",
     "feedback.toml": "[expert]\ninitial_velocity = 'free'\n[policy]\nkind = 'feedback'",
 }
-SMALL = ["--expert.trajectories", "4", "--expert.shard-size", "1", "--expert.nodes", "20", "--engine", "inline"]
+SMALL = ["--dataset.trajectories", "4", "--dataset.shard-size", "1", "--expert.nodes", "20", "--engine", "inline"]
 
 
 @pytest.fixture

@@ -13,7 +13,7 @@ import pytest
 from agile_jax.cli import main
 
 BASE = pathlib.Path(__file__).parents[1] / "experiments" / "base.toml"
-SMALL = ["--expert.trajectories", "4", "--expert.shard-size", "1", "--expert.nodes", "20", "--engine", "inline"]
+SMALL = ["--dataset.trajectories", "4", "--dataset.shard-size", "1", "--expert.nodes", "20", "--engine", "inline"]
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ def test_a_full_disk_is_one_line_and_the_run_goes_on_later(folder: pathlib.Path)
 def test_signals_end_cleanly_with_the_children(
     number: signal.Signals, code: int, word: str, folder: pathlib.Path
 ) -> None:
-    many = ["--expert.trajectories", "100000", "--expert.shard-size", "2", "--expert.nodes", "20", "--workers", "1"]
+    many = ["--dataset.trajectories", "100000", "--dataset.shard-size", "2", "--expert.nodes", "20", "--workers", "1"]
     process = agile("expert", "good.toml", *many)
     deadline = time.monotonic() + 60
     while not list(folder.glob("runs/n/dataset/shard-*")) and time.monotonic() < deadline:

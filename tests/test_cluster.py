@@ -15,7 +15,7 @@ from agile_jax.settings import BadInput
 
 ROOT = pathlib.Path(__file__).parents[1]
 BASE = ROOT / "experiments" / "base.toml"
-SMALL = ["--expert.trajectories", "6", "--expert.shard-size", "2", "--expert.nodes", "20"]
+SMALL = ["--dataset.trajectories", "6", "--dataset.shard-size", "2", "--expert.nodes", "20"]
 
 
 class Cluster:

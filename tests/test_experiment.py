@@ -84,8 +84,8 @@ def test_shipped_experiments_load_and_survive_writing(path: pathlib.Path, write:
 
 def test_the_paper_is_the_paper() -> None:
     paper = load_experiment(next(path for path in SHIPPED if path.stem == "paper"))
-    assert paper.expert.trajectories == 10_000
-    assert (paper.expert.initial_velocity, paper.expert.starts) == ("rest", "paper")
+    assert paper.dataset.trajectories == 10_000
+    assert (paper.expert.initial_velocity, paper.dataset.starts) == ("rest", "paper")
     assert paper.policy.kind == "plain"
     assert paper.policy.hidden_layers == (256, 1024, 1024, 1024, 1024, 256)
     training = paper.training

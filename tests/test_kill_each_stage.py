@@ -21,7 +21,7 @@ from agile_jax.scene import make_scene
 from agile_jax.training import load_parameters
 
 SMOKE = pathlib.Path(__file__).parents[1] / "experiments" / "smoke.toml"
-OPTIONS = ["--expert.shard-size", "4", "--training.checkpoint-every", "2", "--evaluation.batch", "2", "--workers", "2"]
+OPTIONS = ["--dataset.shard-size", "4", "--training.checkpoint-every", "2", "--evaluation.batch", "2", "--workers", "2"]
 PATIENCE = 300.0  # [s] for a moment to come
 
 

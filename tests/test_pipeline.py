@@ -18,8 +18,8 @@ from agile_jax.run_directory import locked, record_hash, stage_paths, stage_stat
 from agile_jax.settings import BadInput
 
 SMALL = {
-    "expert.trajectories": 12,
-    "expert.shard_size": 2,
+    "dataset.trajectories": 12,
+    "dataset.shard_size": 2,
     "expert.nodes": 20,
     "expert.initial_velocity": "free",
 }
@@ -82,7 +82,7 @@ def test_other_settings_are_refused_with_every_difference(experiment: Experiment
 
 
 def test_overwrite_moves_the_old_folders_aside(experiment: Experiment, tmp_path: pathlib.Path) -> None:
-    few = with_overrides(experiment, {"expert.trajectories": 1}, "test")
+    few = with_overrides(experiment, {"dataset.trajectories": 1}, "test")
     pipeline.run(few, tmp_path, ("dataset",), engine="inline")
     old = (tmp_path / "dataset/manifest.json").read_bytes()
     write_json(tmp_path / "evaluation/mujoco.json", {"of": "the old policy"})

@@ -53,7 +53,10 @@ def benchmark_expert(experiment: Experiment, starts: int = 100, progress: Progre
     """Measure, and return what goes into the JSON file: `metrics` by key, `starts` one by one, and the method."""
     settings = experiment.expert
     scene = make_scene(experiment.scene)
-    poses = [draw_start(scene, experiment.scene, settings, experiment.seed, i).poses[0] for i in range(starts)]
+    poses = [
+        draw_start(scene, experiment.scene, settings, experiment.dataset, experiment.seed, i).poses[0]
+        for i in range(starts)
+    ]
     methods, missing = _methods(scene, settings)
 
     for name, solve in methods.items():  # each builds its solvers; ours builds one for each number of phases
@@ -72,7 +75,7 @@ def benchmark_expert(experiment: Experiment, starts: int = 100, progress: Progre
         "peers": PEERS | dict.fromkeys(missing, "not installed"),
         "problem": {
             "starts": starts,
-            "distribution": settings.starts,
+            "distribution": experiment.dataset.starts,
             "seed": experiment.seed,
             "initial_velocity": settings.initial_velocity,
             "nodes": settings.nodes,

@@ -37,7 +37,10 @@ def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progre
     limits = np.array(settings.velocity), np.array(settings.acceleration)
     velocities = make_velocities(make_policy(scene, *limits, experiment.policy))
     poses = np.concatenate(
-        [draw_start(scene, experiment.scene, settings, experiment.seed, i).poses for i in range(starts)]
+        [
+            draw_start(scene, experiment.scene, settings, experiment.dataset, experiment.seed, i).poses
+            for i in range(starts)
+        ]
     )
     batch = np.resize(poses, (BATCH, poses.shape[1]))
 

@@ -5,6 +5,7 @@ from agile_jax.dataset.expert_time import ExpertTimes, expert_times, time_limit
 from agile_jax.dataset.generate import IncompleteDatasetError, generate
 from agile_jax.dataset.queries import Answers, ask
 from agile_jax.dataset.settings import DatasetSettings
+from agile_jax.dataset.starts import unseen_starts
 
 __all__ = [
     "SPLITS",
@@ -23,4 +24,5 @@ __all__ = [
     "samples",
     "split_mask",
     "time_limit",
+    "unseen_starts",
 ]

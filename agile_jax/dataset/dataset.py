@@ -59,12 +59,13 @@ def load(directory: pathlib.Path) -> Dataset:
             )
         scene = SceneSettings.model_validate(manifest["settings"]["scene"])
         expert = ExpertSettings.model_validate(manifest["settings"]["expert"])
+        settings = DatasetSettings.model_validate(manifest["settings"]["dataset"])
         seed = int(manifest["settings"]["seed"])
         digests = [(f"shard-{i:05d}.npz", str(entry["sha256"])) for i, entry in enumerate(manifest["shards"])]
         dataset_hash = str(manifest["dataset_hash"])
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{directory / 'manifest.json'} is damaged ({type(error).__name__}: {error})") from None
-    key = settings_key(scene, expert, seed)
+    key = settings_key(scene, expert, settings, seed)
     parts = []
     for i, (name, digest) in enumerate(digests):
         path = directory / name
@@ -72,7 +73,7 @@ def load(directory: pathlib.Path) -> Dataset:
             data = path.read_bytes()
             if sha256(data) != digest:
                 raise BadShardError("its sha256 is not the manifest's")
-            arrays = decode(data, expert, key, i)
+            arrays = decode(data, expert, settings, key, i)
         except (OSError, BadShardError) as error:
             raise BadInput(f"{path}: {error}; the same command repairs it") from None
         keep = accepted(arrays)
@@ -113,7 +114,7 @@ def labels_to(dataset: Dataset, target: np.ndarray) -> Dataset:
         others = np.unique(dataset.targets, axis=0).tolist()
         raise BadInput(
             f"no label leads to scene.target = {np.asarray(target).tolist()}, which the policy is of; they lead to "
-            f"{', '.join(map(str, others)) or 'nowhere: there are none'}; add it to expert.targets"
+            f"{', '.join(map(str, others)) or 'nowhere: there are none'}; add it to dataset.targets"
         )
     return dataset._replace(
         **{name: value[chosen] for name, value in dataset._asdict().items() if isinstance(value, np.ndarray)}
@@ -137,7 +138,7 @@ def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.
 def labels(dataset: Dataset, settings: DatasetSettings) -> np.ndarray:
     """What is learned at each node, shape (n, T+1, 4): velocities [m/s, rad/s], or displacements to the next node
     [m, rad]."""
-    if settings.target == "velocity":
+    if settings.label_kind == "velocity":
         return dataset.states[..., POSE_SIZE:]
     poses = dataset.states[..., :POSE_SIZE]
     return np.diff(poses, axis=1, append=poses[:, -1:])

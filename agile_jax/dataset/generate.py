@@ -52,12 +52,12 @@ class IncompleteDatasetError(TasksFailedError):
     """Some shards could not be made; the others are kept. The text names them."""
 
 
-def shard_time_limit(settings: ExpertSettings, obstacles: int) -> float:
+def shard_time_limit(expert: ExpertSettings, dataset: DatasetSettings, obstacles: int) -> float:
     """After which a shard's task counts as hung: a hundred times what it usually takes, at least a minute [s].
 
     With the obstacles grow the number of routes and the phases of each.
     """
-    return max(60.0, 0.05 * settings.nodes * settings.shard_size * max(1, obstacles) ** 2)
+    return max(60.0, 0.05 * expert.nodes * dataset.shard_size * max(1, obstacles) ** 2)
 
 
 def generate(
@@ -79,29 +79,29 @@ def generate(
         IncompleteDatasetError: tasks failed.
         OSError: the disk is full or cannot be written; what is there stays valid.
     """
-    check_scene(scene_settings, expert_settings)
+    check_scene(scene_settings, expert_settings, dataset_settings.targets)
     directory = pathlib.Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
-    key = settings_key(scene_settings, expert_settings, seed)
-    count = shard_count(expert_settings)
-    shards = _valid_shards(directory, expert_settings, key, count)
+    key = settings_key(scene_settings, expert_settings, dataset_settings, seed)
+    count = shard_count(dataset_settings)
+    shards = _valid_shards(directory, expert_settings, dataset_settings, key, count)
     timing = _read_timing(directory, key)
 
     missing = [i for i in range(count) if i not in shards]
     done = sum(len(arrays["index"]) for arrays, _ in shards.values())
-    progress("trajectories", done, expert_settings.trajectories)
+    progress("trajectories", done, dataset_settings.trajectories)
     failures: list[str] = []
     if missing:
-        tasks = [ShardTask(scene_settings, expert_settings, seed, i) for i in missing]
+        tasks = [ShardTask(scene_settings, expert_settings, dataset_settings, seed, i) for i in missing]
         with engine() as opened:
             timing["workers"] = opened.workers
-            limit = shard_time_limit(expert_settings, len(scene_settings.obstacles))
+            limit = shard_time_limit(expert_settings, dataset_settings, len(scene_settings.obstacles))
             for position, result in opened.map(make_shard, tasks, time_limit_s=limit):
                 i = missing[position]
                 if isinstance(result, TaskFailure):
                     failures.append(f"shard {i}: {result.cause}")
                     continue
-                arrays = decode(result.data, expert_settings, key, i)
+                arrays = decode(result.data, expert_settings, dataset_settings, key, i)
                 write_atomic(directory / shard_name(i), result.data)
                 timing["shards"][str(i)] = {
                     "seconds": result.seconds,
@@ -110,7 +110,7 @@ def generate(
                 write_json(directory / "timing.json", timing)
                 shards[i] = (arrays, sha256(result.data))
                 done += len(arrays["index"])
-                progress("trajectories", done, expert_settings.trajectories)
+                progress("trajectories", done, dataset_settings.trajectories)
     if failures:
         raise IncompleteDatasetError(
             f"{len(failures)} of {count} shards could not be made ({'; '.join(sorted(failures))}); "
@@ -118,7 +118,7 @@ def generate(
         )
 
     ordered = [shards[i] for i in range(count)]
-    manifest = _manifest(scene_settings, expert_settings, seed, key, ordered)
+    manifest = _manifest(scene_settings, expert_settings, dataset_settings, seed, key, ordered)
     summary = summarise([arrays for arrays, _ in ordered], timing, manifest["dataset_hash"], dataset_settings, seed)
     _write_if_changed(directory / "manifest.json", manifest)
     _write_if_changed(directory / "summary.json", summary)
@@ -131,7 +131,7 @@ def shard_name(index: int) -> str:
 
 
 def _valid_shards(
-    directory: pathlib.Path, settings: ExpertSettings, key: str, count: int
+    directory: pathlib.Path, expert: ExpertSettings, settings: DatasetSettings, key: str, count: int
 ) -> dict[int, tuple[dict[str, np.ndarray], str]]:
     """Arrays and sha256 of the shards that are what they should be; others, and strange shards, go to quarantine."""
     manifest = read_manifest(directory)
@@ -148,7 +148,7 @@ def _valid_shards(
             try:
                 data = path.read_bytes()
                 digest = sha256(data)
-                arrays = decode(data, settings, key, i)
+                arrays = decode(data, expert, settings, key, i)
                 # A dataset that grows may fill up its last shard: then the manifest is of the shorter one.
                 if listed.get(path.name, digest) != digest:
                     raise BadShardError("its sha256 is not the manifest's")
@@ -187,6 +187,7 @@ def _read_timing(directory: pathlib.Path, key: str) -> dict[str, Any]:
 def _manifest(
     scene: SceneSettings,
     expert: ExpertSettings,
+    dataset: DatasetSettings,
     seed: int,
     key: str,
     shards: list[tuple[dict[str, np.ndarray], str]],
@@ -203,7 +204,12 @@ def _manifest(
     return {
         "schema_version": SCHEMA,
         "key": key,
-        "settings": {"scene": scene.model_dump(mode="json"), "expert": expert.model_dump(mode="json"), "seed": seed},
+        "settings": {
+            "scene": scene.model_dump(mode="json"),
+            "expert": expert.model_dump(mode="json"),
+            "dataset": dataset.model_dump(mode="json"),
+            "seed": seed,
+        },
         "units": UNITS,
         "versions": {"casadi": version("casadi"), "numpy": np.__version__, "python": platform.python_version()},
         "shards": entries,

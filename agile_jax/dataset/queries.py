@@ -52,7 +52,7 @@ def ask(
     Raises:
         TasksFailedError: a worker failed for good.
     """
-    question = [scene.model_dump(mode="json"), expert.model_dump(mode="json", exclude={"trajectories", "starts"})]
+    question = [scene.model_dump(mode="json"), expert.model_dump(mode="json")]
     key = hash_json([*question, sha256(np.asarray(poses, float).tobytes())])
     tasks = [(scene, expert, poses[i : i + CHUNK]) for i in range(0, len(poses), CHUNK)]
     arrays, digest = complete_parts(directory, key, answer, tasks, engine, CHUNK_TIME_LIMIT_S, progress)

@@ -12,12 +12,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.starts import draw_start
 from agile_jax.expert import Expert, ExpertSettings, ExpertSolution, Residuals, make_expert
 from agile_jax.files import hash_json
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene
 
-SCHEMA = 3
+SCHEMA = 4
+NO_LABEL = {"trajectories", "split", "split_by", "label_kind", "samples", "start_seconds"}
 CAUSE_LENGTH, BRANCH_LENGTH, METHOD_LENGTH = 480, 48, 24
 RESIDUALS = Residuals._fields
 NUMBERS = ("duration", "lower_bound", "gap", "objective", *RESIDUALS)
@@ -32,6 +34,7 @@ class ShardTask(NamedTuple):
 
     scene: SceneSettings
     expert: ExpertSettings
+    dataset: DatasetSettings
     seed: int
     shard: int
 
@@ -44,24 +47,30 @@ class ShardResult(NamedTuple):
     seconds: float  # the task took
 
 
-def settings_key(scene: SceneSettings, expert: ExpertSettings, seed: int) -> str:
+def settings_key(scene: SceneSettings, expert: ExpertSettings, dataset: DatasetSettings, seed: int) -> str:
     """The hash that a shard carries; the number of trajectories is left out, so that a dataset can grow."""
-    settings = expert.model_dump(mode="json", exclude={"trajectories"})
-    return hash_json({"schema": SCHEMA, "scene": scene.model_dump(mode="json"), "expert": settings, "seed": seed})
+    sections = {"scene": scene, "expert": expert, "dataset": dataset}
+    return hash_json(
+        {
+            "schema": SCHEMA,
+            "seed": seed,
+            **{name: section.model_dump(mode="json", exclude=NO_LABEL) for name, section in sections.items()},
+        }
+    )
 
 
-def trajectory_range(settings: ExpertSettings, index: int) -> range:
+def trajectory_range(settings: DatasetSettings, index: int) -> range:
     """Indices of the trajectories in shard `index`."""
     return range(index * settings.shard_size, min((index + 1) * settings.shard_size, settings.trajectories))
 
 
-def target_of(scene: SceneSettings, settings: ExpertSettings, index: int) -> np.ndarray:
+def target_of(scene: SceneSettings, settings: DatasetSettings, index: int) -> np.ndarray:
     """The target of trajectory `index`, shape (4,) [m, rad]: the settings' in turn, the scene's if they have none."""
     targets = settings.targets or (scene.target,)
     return np.array(targets[index % len(targets)])
 
 
-def shard_count(settings: ExpertSettings) -> int:
+def shard_count(settings: DatasetSettings) -> int:
     """How many shards a dataset has."""
     return -(-settings.trajectories // settings.shard_size)
 
@@ -79,16 +88,16 @@ def make_shard(task: ShardTask) -> ShardResult:
     scene, expert = _expert(task.scene, task.expert)
     solutions: list[ExpertSolution] = []
     starts, targets, accounts = [], [], []
-    for i in trajectory_range(task.expert, task.shard):
-        target = target_of(task.scene, task.expert, i)
-        drawn = draw_start(scene._replace(target=target), task.scene, task.expert, task.seed, i)
+    for i in trajectory_range(task.dataset, task.shard):
+        target = target_of(task.scene, task.dataset, i)
+        drawn = draw_start(scene._replace(target=target), task.scene, task.expert, task.dataset, task.seed, i)
         starts.append(drawn.poses[0])
         targets.append(target)
         accounts.append((drawn.attempted, drawn.rejected_collision, drawn.rejected_bounds))
         solutions.append(expert.solve(drawn.poses[0], target=target))
     arrays = {
-        "key": np.array(settings_key(task.scene, task.expert, task.seed)),
-        "index": np.array(trajectory_range(task.expert, task.shard), dtype=np.int64),
+        "key": np.array(settings_key(task.scene, task.expert, task.dataset, task.seed)),
+        "index": np.array(trajectory_range(task.dataset, task.shard), dtype=np.int64),
         "start": np.array(starts),
         "target": np.array(targets),
         "draws": np.array(accounts, dtype=np.int64),
@@ -112,7 +121,9 @@ def encode(arrays: dict[str, np.ndarray]) -> bytes:
     return buffer.getvalue()
 
 
-def decode(data: bytes, settings: ExpertSettings, key: str, index: int) -> dict[str, np.ndarray]:
+def decode(
+    data: bytes, expert: ExpertSettings, dataset: DatasetSettings, key: str, index: int
+) -> dict[str, np.ndarray]:
     """The arrays in a shard's bytes, never unpickled.
 
     Raises:
@@ -123,8 +134,8 @@ def decode(data: bytes, settings: ExpertSettings, key: str, index: int) -> dict[
             arrays = {name: file[name] for name in file.files}
     except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, SyntaxError) as error:
         raise BadShardError(f"unreadable ({type(error).__name__}: {error})") from None
-    indices = trajectory_range(settings, index)
-    n, t = len(indices), settings.nodes
+    indices = trajectory_range(dataset, index)
+    n, t = len(indices), expert.nodes
     shapes: dict[str, tuple[tuple[int, ...], str]] = {
         "key": ((), "U"),
         "index": ((n,), "i"),
@@ -133,7 +144,7 @@ def decode(data: bytes, settings: ExpertSettings, key: str, index: int) -> dict[
         "draws": ((n, 3), "i"),
         "times": ((n, t + 1), "f"),
         "states": ((n, t + 1, 2 * POSE_SIZE), "f"),
-        "controls": ((n, t + (settings.transcription != "zoh"), POSE_SIZE), "f"),
+        "controls": ((n, t + (expert.transcription != "zoh"), POSE_SIZE), "f"),
         "solved": ((n,), "b"),
         "branch": ((n,), "U"),
         "method": ((n,), "U"),

@@ -1,5 +1,7 @@
 """Where labels start. Start i is a pure function of (seed, i), so shards need to know nothing of each other.
 
+`unseen_starts` draws those of tests and evaluations, with the same margin.
+
 "paper" is the scene's start distribution. "wide" also covers where the closed loop gets to: a mixture of the paper's
 starts at any height, of poses around the target, and of poses uniform over each convex part of the free space (in
 front of, behind, left and right of, under or over each obstacle), so that the tunnel under a table is as well covered
@@ -7,31 +9,49 @@ as the open floor. All with a spread in yaw.
 """
 
 import numpy as np
+from jaxtyping import Float
 
+from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.expert import ExpertSettings, planning_margin
 from agile_jax.expert.space.empty_boxes import SIDES
 from agile_jax.expert.space.regions import obstacle_boxes
-from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, Starts, clearance, sample_starts
+from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, Starts, clearance, make_scene, sample_starts
 from agile_jax.settings import BadInput
 
 START_STREAM = 1  # separates the generators of different purposes under one seed
 MAX_DRAWS = 10_000
 
 
-def draw_start(scene: Scene, scene_settings: SceneSettings, settings: ExpertSettings, seed: int, index: int) -> Starts:
+def unseen_starts(
+    scene: SceneSettings, expert: ExpertSettings, count: int, key: tuple[int, ...]
+) -> Float[np.ndarray, "n 4"]:
+    """Starts of the scene's distribution from which the expert may plan [m, rad]; `key` is a random stream of its own.
+
+    Start i is a pure function of (key, i).
+    """
+    return _of_the_scene(make_scene(scene), scene, expert, count, key).poses
+
+
+def draw_start(
+    scene: Scene,
+    scene_settings: SceneSettings,
+    expert: ExpertSettings,
+    settings: DatasetSettings,
+    seed: int,
+    index: int,
+) -> Starts:
     """Draw start `index` of the dataset, with the account of what was rejected before it.
 
     Raises:
         BadInput: hardly any start is free.
     """
-    margin = planning_margin(settings)
+    margin = planning_margin(expert)
     key = (seed, START_STREAM, index)
     if settings.starts == "paper":
-        start = scene_settings.start
-        return sample_starts(scene, np.array(start.mean), np.array(start.std), 1, margin, key)
+        return _of_the_scene(scene, scene_settings, expert, 1, key)
 
     generator = np.random.Generator(np.random.Philox(np.random.SeedSequence(key)))
-    boxes = wide_boxes(scene, scene_settings, settings)
+    boxes = wide_boxes(scene, scene_settings, expert, settings)
     collisions = outside = 0
     for attempted in range(1, MAX_DRAWS + 1):
         pose = _draw_wide(scene, scene_settings, settings, boxes, generator)
@@ -42,13 +62,13 @@ def draw_start(scene: Scene, scene_settings: SceneSettings, settings: ExpertSett
         else:
             return Starts(pose[None], attempted, collisions, outside)
     raise BadInput(
-        f'expert.starts = "wide": none of {MAX_DRAWS} draws is free with a margin of {margin} m; '
+        f'dataset.starts = "wide": none of {MAX_DRAWS} draws is free with a margin of {margin} m; '
         "widen the bounds or move the starts away from the obstacles"
     )
 
 
 def wide_boxes(
-    scene: Scene, scene_settings: SceneSettings, settings: ExpertSettings
+    scene: Scene, scene_settings: SceneSettings, expert: ExpertSettings, settings: DatasetSettings
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """The boxes (lower, upper), each of shape (3,), over which wide starts are uniform [m].
 
@@ -73,7 +93,7 @@ def wide_boxes(
 
     boxes = []
     outer = [parts[0] for parts in obstacle_boxes(scene)]  # legs are within their table's outline
-    grown = scene.obstacle_half_sizes + scene.torso_half_size + planning_margin(settings)
+    grown = scene.obstacle_half_sizes + scene.torso_half_size + planning_margin(expert)
     for center, body in zip(scene.obstacle_centers[outer], grown[outer], strict=True):
         for _, axis, sign in SIDES:
             low, high = lower.copy(), upper.copy()
@@ -90,10 +110,17 @@ def wide_boxes(
     return boxes or [(lower, upper)]
 
 
+def _of_the_scene(
+    scene: Scene, settings: SceneSettings, expert: ExpertSettings, count: int, key: tuple[int, ...]
+) -> Starts:
+    mean, std = np.array(settings.start.mean), np.array(settings.start.std)
+    return sample_starts(scene, mean, std, count, planning_margin(expert), key)
+
+
 def _draw_wide(
     scene: Scene,
     scene_settings: SceneSettings,
-    settings: ExpertSettings,
+    settings: DatasetSettings,
     boxes: list[tuple[np.ndarray, np.ndarray]],
     generator: np.random.Generator,
 ) -> np.ndarray:

@@ -155,7 +155,7 @@ def _planner(inputs: Inputs, scene: Scene, slots: int) -> ExpertPlanner | None:
     if kind in ("policy", "straight"):
         return None
     if kind == "open_loop_2d":
-        settings, scene = settings.model_copy(update={"planner": "2d"}), planar_scene(scene)
+        settings, scene = settings.model_copy(update={"dimensions": "2d"}), planar_scene(scene)
     return ExpertPlanner(scene, settings, slots, inputs.evaluation.replan_interval if kind == "replan" else None)
 
 

@@ -16,6 +16,7 @@ from agile_jax.control.settings import ControlSettings
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment.file import Table, origin, override, read_table
+from agile_jax.experiment.moved import moved
 from agile_jax.experiment.validation import validate
 from agile_jax.expert.settings import ExpertSettings, check_scene
 from agile_jax.files import hash_json, sha256
@@ -23,7 +24,7 @@ from agile_jax.policy.settings import PolicySettings
 from agile_jax.report.settings import ReportSettings
 from agile_jax.robot.settings import OWN, RobotSettings, check_envelope
 from agile_jax.scene.settings import SceneSettings
-from agile_jax.settings import Settings
+from agile_jax.settings import BadInput, Settings
 from agile_jax.sweep.settings import SweepSettings
 from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
 
@@ -31,14 +32,14 @@ STAGES = ("dataset", "training", "evaluation", "report")
 
 _READS = {  # the sections that a stage reads beyond those of the stages before it
     "dataset": ("seed", "scene", "expert", "dataset"),
-    "training": ("policy", "training", "closed_loop", "dagger"),
+    "training": ("policy", "training", "kinematic_test", "aggregation"),
     "evaluation": ("robot", "control", "evaluation"),
     "report": ("report",),
 }
 _CHANGES_NOTHING = {  # settings of these sections on which no result depends
     "training": {"checkpoint_every", "devices", "keep"},
 }
-_CHANGES_NO_LABEL = {"dataset": {"samples", "split_by", "start_seconds", "target"}}  # what training makes of them
+_CHANGES_NO_LABEL = {"dataset": {"samples", "split_by", "start_seconds", "label_kind"}}  # what training makes of them
 
 
 class Experiment(Settings):
@@ -58,9 +59,9 @@ class Experiment(Settings):
     """What the policy is: kind and network."""
     training: TrainingSettings = TrainingSettings()
     """How the network is fitted."""
-    closed_loop: KinematicTestSettings = KinematicTestSettings()
+    kinematic_test: KinematicTestSettings = KinematicTestSettings()
     """The kinematic test of the policy."""
-    dagger: AggregationSettings = AggregationSettings()
+    aggregation: AggregationSettings = AggregationSettings()
     """Rounds of dataset aggregation."""
     robot: RobotSettings = RobotSettings()
     """Which robot."""
@@ -95,7 +96,7 @@ class Experiment(Settings):
 
     @model_validator(mode="after")
     def _plans_can_end(self) -> "Experiment":
-        check_scene(self.scene, self.expert)
+        check_scene(self.scene, self.expert, self.dataset.targets)
         return self
 
     @model_validator(mode="after")
@@ -116,11 +117,11 @@ class Experiment(Settings):
 
     @model_validator(mode="after")
     def _expert_can_answer(self) -> "Experiment":
-        if self.dagger.rounds and (self.policy.kind == "feedback" or self.expert.initial_velocity != "free"):
+        if self.aggregation.rounds and (self.policy.kind == "feedback" or self.expert.initial_velocity != "free"):
             raise ValueError(
-                f"dagger.rounds = {self.dagger.rounds} asks the expert for the best velocity at a pose, which only "
-                'policies that learn it can use: it needs expert.initial_velocity = "free" and policy.kind = "plain" '
-                'or "residual"; set dagger.rounds = 0'
+                f"aggregation.rounds = {self.aggregation.rounds} asks the expert for the best velocity at a pose, "
+                'which only policies that learn it can use: it needs expert.initial_velocity = "free" and '
+                'policy.kind = "plain" or "residual"; set aggregation.rounds = 0'
             )
         return self
 
@@ -195,4 +196,6 @@ def json_schema() -> dict[str, Any]:
 
 
 def _make(table: Table) -> Experiment:
+    if old := [f"{origin(table, where)}: {'.'.join(where)}: {what}" for where, what in moved(table.values)]:
+        raise BadInput("\n".join(old))
     return validate(Experiment, table.values, lambda where: origin(table, where))

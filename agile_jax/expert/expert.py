@@ -64,7 +64,7 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     Raises:
         BadInput: the target keeps less than the margin.
     """
-    flat = settings.planner == "2d"
+    flat = settings.dimensions == "2d"
     check_target(planar_scene(scene) if flat else scene, settings)
     ladder = Ladder(scene.torso_half_size, settings)
     certified: dict[str, CertifiedSolver] = {}

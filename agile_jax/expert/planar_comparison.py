@@ -33,7 +33,7 @@ def compare_planners(scene: Scene, settings: ExpertSettings, starts: np.ndarray)
     starts[:, 2] = scene.target[2]
     durations = []
     for planner in ("3d", "2d"):
-        expert = make_expert(scene, settings.model_copy(update={"planner": planner}))
+        expert = make_expert(scene, settings.model_copy(update={"dimensions": planner}))
         solutions = [expert.solve(start, initial_velocity="rest") for start in starts]
         durations.append(np.array([s.duration if s.status == "solved" else np.nan for s in solutions]))
     return Comparison(*durations)

@@ -1,4 +1,4 @@
-"""Settings of the expert: bounds, margins, transcription, and where its labels start."""
+"""Settings of the expert: bounds, margins, transcription."""
 
 from typing import Annotated, Literal
 
@@ -6,26 +6,18 @@ import numpy as np
 from pydantic import Field
 
 from agile_jax.scene.settings import SceneSettings
-from agile_jax.settings import Count, Fraction, NonNegative, Pose, Positive, PositivePose, Settings
+from agile_jax.settings import Count, NonNegative, Pose, PositivePose, Settings
 
 
 class ExpertSettings(Settings):
-    """The optimal control problem of the paper (equation 2), its transcription, and the starts of its labels.
+    """The optimal control problem of the paper (equation 2), and its transcription.
 
     The paper gives no bounds, no margin and no effort weight. The defaults are what a trotting A1 can track. Rates
     and accelerations are of [x, y, z, yaw].
     """
 
-    trajectories: Count = 400
-    """Number of labels: optimal trajectories."""
-    targets: Annotated[tuple[Pose, ...], Field(strict=False)] = ()
-    """Poses [m, rad] that the labels lead to, in turn: label i to number i modulo their count; without any, to the
-    scene's target.
-    """
     nodes: Annotated[int, Field(ge=10, le=2000)] = 100
     """Number of intervals of a trajectory."""
-    shard_size: Count = 50
-    """Number of trajectories in a file."""
     velocity: PositivePose = (1.0, 0.5, 0.3, 1.0)
     """Bounds of the rates of [x, y, z, yaw] [m/s, rad/s]."""
     acceleration: PositivePose = (1.5, 1.5, 1.0, 3.0)
@@ -42,7 +34,7 @@ class ExpertSettings(Settings):
     """axis: |v_i| <= velocity_i. planar_norm: in the plane (v_x / velocity_x)^2 + (v_y / velocity_y)^2 <= 1."""
     zero_end_controls: bool = False
     """The paper's u_0 = u_N = 0; costs 2 / nodes of the time (zoh), else 1 / nodes."""
-    planner: Literal["3d", "2d"] = "3d"
+    dimensions: Literal["3d", "2d"] = "3d"
     """2d: the height stays the target's, and obstacles reach up from the floor (the paper's figure 2)."""
     method: Literal["auto", "general"] = "auto"
     """auto: the closed-form least time where it is attained, else the general program. general: always that program."""
@@ -52,29 +44,15 @@ class ExpertSettings(Settings):
     """
     max_routes: Count = 24
     """Largest number of routes that the general program solves for one start."""
-    starts: Literal["paper", "wide"] = "paper"
-    """Where labels start. paper: the distribution of scene.start. wide: that and everywhere the robot may get to
-    (dataset/starts.py).
-    """
-    wide_paper_fraction: Fraction = 0.35
-    """Share of the wide starts that is drawn as the paper's, but at any height [-]."""
-    wide_target_fraction: Fraction = 0.15
-    """Share of the wide starts that is drawn around the target [-]."""
-    wide_target_std: Positive = 0.4
-    """Standard deviation in the plane of the wide starts around the target [m]."""
-    wide_yaw_std: NonNegative = 0.4
-    """Standard deviation of the wide starts' yaw about the target's [rad]."""
-    wide_padding: NonNegative = 0.5
-    """Padding of the box around starts, obstacles and target over which wide starts are drawn [m]."""
 
 
-def check_scene(scene: SceneSettings, settings: ExpertSettings) -> None:
-    """Refuse targets out of bounds or with less than the margin (BadInput, which names the one): no plan could end
-    there."""
+def check_scene(scene: SceneSettings, settings: ExpertSettings, targets: tuple[Pose, ...] = ()) -> None:
+    """Refuse targets, the scene's and those of `dataset.targets`, out of bounds or with less than the margin (BadInput,
+    which names the one): no plan could end there."""
     from agile_jax.expert.feasible_poses import check_target
     from agile_jax.scene.scene import make_scene
 
     made = make_scene(scene)
     check_target(made, settings)
-    for i, target in enumerate(settings.targets):
-        check_target(made, settings, np.array(target), f"expert.targets[{i}]")
+    for i, target in enumerate(targets):
+        check_target(made, settings, np.array(target), f"dataset.targets[{i}]")

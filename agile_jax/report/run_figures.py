@@ -80,7 +80,7 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
         if blocked:
             sentences.append(f"There is no {short} path: its {blocked[0]} is too near to an obstacle.")
             continue
-        expert = make_expert(scene, inputs.expert.model_copy(update={"planner": planner}))
+        expert = make_expert(scene, inputs.expert.model_copy(update={"dimensions": planner}))
         solution = expert.solve(start, initial_velocity="rest")  # the paper's, however the labels begin
         if solution.status == "solved":
             drawn[f"{label}\n({solution.branch})"] = solution.trajectory

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from agile_jax.dataset import Answers
+from agile_jax.dataset import Answers, unseen_starts
 from agile_jax.expert import ExpertSettings, planning_margin
 from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
@@ -27,7 +27,7 @@ from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, clearance, make_sce
 from agile_jax.training.epochs import SI
 from agile_jax.training.fit import Fitted, Labels, Watch, fit_policy
 from agile_jax.training.kinematic_test.follow import ARRIVED, Followed, Follower
-from agile_jax.training.kinematic_test.held_out import BATCH, DAGGER_STREAM, unseen_starts
+from agile_jax.training.kinematic_test.held_out import BATCH, DAGGER_STREAM
 from agile_jax.training.settings import AggregationSettings, TrainingSettings
 
 BEFORE = (0.8, 0.4, 0.2, 0.1, 0.0)  # [s] before the last pose that the expert may start from, on the way to the nearest

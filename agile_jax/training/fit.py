@@ -153,7 +153,7 @@ def fit_policy(
 def check_labels(labels: Labels, name: str) -> None:
     """Refuse a split that is empty or holds a number that is not finite (BadInput)."""
     if len(labels[0]) == 0:
-        raise BadInput(f"the {name} split is empty; generate more trajectories (expert.trajectories)")
+        raise BadInput(f"the {name} split is empty; generate more trajectories (dataset.trajectories)")
     for array, what in zip(labels, ("pose", "velocity"), strict=True):
         bad = ~np.isfinite(array).all(-1)
         if bad.any():

@@ -83,7 +83,7 @@ def train(
     training, validation = (
         policy_samples(policy, dataset, split, dataset_settings) for split in ("train", "validation")
     )
-    test = policy_samples(policy, dataset, "test", dataset_settings.model_copy(update={"target": "velocity"}))
+    test = policy_samples(policy, dataset, "test", dataset_settings.model_copy(update={"label_kind": "velocity"}))
     check_labels(test, "test")
     units = make_units(dataset, dataset_settings, policy_settings, training_settings, velocity_limit)
     training, validation = ((poses, targets / units.interval) for poses, targets in (training, validation))
@@ -173,8 +173,10 @@ def policy_samples(policy: Policy, dataset: Dataset, split: Split, settings: Dat
     """
     if policy.learns == "velocity":
         return samples(dataset, split, settings)
-    if settings.split_by != "trajectory" or settings.target != "velocity":
-        raise BadInput('dataset.split_by = "sample" and dataset.target = "displacement" are for policies of velocities')
+    if settings.split_by != "trajectory" or settings.label_kind != "velocity":
+        raise BadInput(
+            'dataset.split_by = "sample" and dataset.label_kind = "displacement" are for policies of velocities'
+        )
     chosen = split_mask(dataset, split, settings)
     count = min(dataset.controls.shape[1], dataset.states.shape[1])  # piecewise constant: none after the last node
     states, controls = dataset.states[chosen][:, :count], dataset.controls[chosen][:, :count]

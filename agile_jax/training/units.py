@@ -49,11 +49,11 @@ def make_units(
     Raises:
         BadInput: the policy's structure fixes its units already.
     """
-    displacement, name = dataset_settings.target == "displacement", training_settings.output_units
+    displacement, name = dataset_settings.label_kind == "displacement", training_settings.output_units
     if not displacement and name == "si":
         return Units(1.0, SI)
     if policy_settings.kind != "plain":
-        setting = 'dataset.target = "displacement"' if displacement else f'training.output_units = "{name}"'
+        setting = 'dataset.label_kind = "displacement"' if displacement else f'training.output_units = "{name}"'
         raise BadInput(f'{setting} is for policy.kind = "plain"; "{policy_settings.kind}" sets its own units')
     interval = 1.0
     if displacement:

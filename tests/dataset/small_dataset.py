@@ -9,10 +9,11 @@ from agile_jax.scene import SceneSettings
 
 TABLE = {"kind": "table", "position": [1.5, 0.0], "size": [0.5, 1.0], "underside": 0.25}
 SCENE = SceneSettings(obstacles=[TABLE])
-EXPERT = ExpertSettings(trajectories=10, shard_size=3, nodes=40, starts="wide")
+EXPERT = ExpertSettings(nodes=40)
+DATASET = DatasetSettings(trajectories=10, shard_size=3, starts="wide")
 SEED = 5
 INLINE = functools.partial(open_engine, "inline")
 
 
-def make(directory, engine=INLINE, expert=EXPERT, **kwargs):
-    return generate(SCENE, expert, DatasetSettings(), SEED, directory, engine, **kwargs)
+def make(directory, engine=INLINE, expert=EXPERT, dataset=DATASET, **kwargs):
+    return generate(SCENE, expert, dataset, SEED, directory, engine, **kwargs)

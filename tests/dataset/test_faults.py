@@ -13,16 +13,16 @@ import tempfile
 
 import numpy as np
 import pytest
-from small_dataset import EXPERT, INLINE, SCENE, SEED, make
+from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
 
-from agile_jax.dataset import DatasetSettings, generate, load
+from agile_jax.dataset import generate, load
 from agile_jax.dataset.shard import make_shard
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.scene import SceneSettings, make_scene
 
 BASE = pathlib.Path(__file__).parents[2] / "experiments" / "base.toml"
-SMALL = ["--expert.trajectories", "4", "--expert.shard-size", "2", "--expert.nodes", "20", "--engine", "inline"]
+SMALL = ["--dataset.trajectories", "4", "--dataset.shard-size", "2", "--expert.nodes", "20", "--engine", "inline"]
 WALL = "[[scene.obstacles]]\nkind = 'box'\nposition = [1.5, 0.0, 0.3]\nsize = [0.1, 8.0, 0.6]"  # from bound to bound
 
 
@@ -157,8 +157,8 @@ def test_one_node_is_refused_before_any_work(tmp_path):
 
 @pytest.mark.parametrize("nodes", [10, 20, pytest.param(1000, marks=pytest.mark.slow)])
 def test_few_and_many_nodes_give_labels_or_causes(tmp_path, nodes):
-    expert = EXPERT.model_copy(update={"nodes": nodes, "trajectories": 4})
-    summary = generate(SCENE, expert, DatasetSettings(), SEED, tmp_path, INLINE)
+    expert = EXPERT.model_copy(update={"nodes": nodes})
+    summary = generate(SCENE, expert, DATASET.model_copy(update={"trajectories": 4}), SEED, tmp_path, INLINE)
     assert summary["attempted"] == 4 == summary["trajectories"] + sum(summary["failed"].values())
     assert summary["unverified"] == 0
     assert summary["trajectories"] > 0

@@ -13,7 +13,7 @@ import zipfile
 
 import numpy as np
 import pytest
-from small_dataset import EXPERT, INLINE, SCENE, SEED, make
+from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
 
 from agile_jax.dataset import DatasetSettings, IncompleteDatasetError, generate, load
 from agile_jax.dataset.shard import ShardTask, make_shard
@@ -78,7 +78,7 @@ def test_bytes_do_not_depend_on_time_or_order(reference):
     time.sleep(2.1)  # zip files keep dates to two seconds
     for index in (2, 0):
         assert (
-            make_shard(ShardTask(SCENE, EXPERT, SEED, index)).data
+            make_shard(ShardTask(SCENE, EXPERT, DATASET, SEED, index)).data
             == shard_bytes(reference[0])[f"shard-{index:05d}.npz"]
         )
 
@@ -111,15 +111,17 @@ def slowly(work, done, total, note=""):
 if __name__ == "__main__":
     scene = SceneSettings.model_validate_json(sys.argv[1])
     expert = ExpertSettings.model_validate_json(sys.argv[2])
+    dataset = DatasetSettings.model_validate_json(sys.argv[3])
     engine = functools.partial(open_engine, "local", 2)
-    generate(scene, expert, DatasetSettings(), int(sys.argv[3]), pathlib.Path(sys.argv[4]), engine, slowly)
+    generate(scene, expert, dataset, int(sys.argv[4]), pathlib.Path(sys.argv[5]), engine, slowly)
 """
 
 
 def test_killed_in_the_middle_then_resumed(reference, tmp_path):
     script, directory = tmp_path / "driver.py", tmp_path / "dataset"
     script.write_text(DRIVER)
-    arguments = [SCENE.model_dump_json(), EXPERT.model_dump_json(), str(SEED), str(directory)]
+    settings = [part.model_dump_json() for part in (SCENE, EXPERT, DATASET)]
+    arguments = [*settings, str(SEED), str(directory)]
     process = subprocess.Popen([sys.executable, str(script), *arguments], stdout=subprocess.PIPE, text=True)
     assert process.stdout is not None
     assert process.stdout.readline() == "0\n"
@@ -188,7 +190,7 @@ def test_shards_of_other_settings_or_places_are_not_used(copy, reference, caplog
     assert len(list((copy / "quarantine").iterdir())) == 2
     assert (copy / "notes.txt").exists()
     assert any("notes.txt" in r.getMessage() for r in caplog.records)
-    other = generate(SCENE, EXPERT, DatasetSettings(), SEED + 1, copy, INLINE)
+    other = generate(SCENE, EXPERT, DATASET, SEED + 1, copy, INLINE)
     assert other["dataset_hash"] != reference[1]["dataset_hash"]
     assert len(list((copy / "quarantine").iterdir())) == 6
 
@@ -207,8 +209,8 @@ def test_dataset_grows_by_what_is_missing(copy, reference):
 
     import contextlib
 
-    longer = EXPERT.model_copy(update={"trajectories": 14})
-    summary = make(copy, lambda: contextlib.nullcontext(Counting()), longer)
+    longer = DATASET.model_copy(update={"trajectories": 14})
+    summary = make(copy, lambda: contextlib.nullcontext(Counting()), dataset=longer)
     assert made == [3, 4]  # the last one was not full
     assert summary["attempted"] == 14
     assert {name: shard_bytes(copy)[name] for name in sorted(before)[:3]} == {
@@ -239,8 +241,8 @@ def test_failures_are_kept_with_their_cause(tmp_path):
     start = {"mean": [1.5, 0.0, 0.28, 0.0], "std": [1.0, 0.3, 0.01, 0.2]}
     wall = {"kind": "box", "position": [1.5, 0.0, 0.5], "size": [0.1, 8.0, 1.0]}
     scene = SceneSettings(obstacles=[wall], start=start)
-    expert = ExpertSettings(trajectories=6, shard_size=6, nodes=20)
-    summary = generate(scene, expert, DatasetSettings(), 0, tmp_path, INLINE)
+    dataset = DatasetSettings(trajectories=6, shard_size=6)
+    summary = generate(scene, ExpertSettings(nodes=20), dataset, 0, tmp_path, INLINE)
     assert summary["attempted"] == 6
     assert summary["failed"].get("no route", 0) + summary["trajectories"] == 6
     assert 0 < summary["trajectories"] < 6

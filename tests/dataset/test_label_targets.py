@@ -7,23 +7,23 @@ import sys
 
 import numpy as np
 import pytest
-from small_dataset import EXPERT, INLINE, SCENE, SEED, make
+from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
 
-from agile_jax.dataset import DatasetSettings, generate, labels_to, load
+from agile_jax.dataset import generate, labels_to, load
 from agile_jax.engine import open_engine
 from agile_jax.expert import Trajectory, lower_bound, rejection, verify
 from agile_jax.scene import facing, make_scene
 from agile_jax.settings import BadInput
 
 TARGETS = ((3.0, 0.0, 0.28, 0.0), (2.5, -1.2, 0.3, 3.0), (-0.5, 1.0, 0.2, -3.1))
-SEVERAL = EXPERT.model_copy(update={"targets": TARGETS})
+SEVERAL = DATASET.model_copy(update={"targets": TARGETS})
 BASE = pathlib.Path(__file__).parents[2] / "experiments" / "base.toml"
 
 
 @pytest.fixture(scope="module")
 def directory(tmp_path_factory):
     directory = tmp_path_factory.mktemp("targets")
-    generate(SCENE, SEVERAL, DatasetSettings(), SEED, directory, INLINE)
+    generate(SCENE, EXPERT, SEVERAL, SEED, directory, INLINE)
     return directory
 
 
@@ -52,22 +52,22 @@ def test_the_scenes_target_is_the_default_and_its_labels_are_the_same(directory,
 
 
 def test_no_label_to_a_target_is_refused(directory):
-    with pytest.raises(BadInput, match=r"no label leads to scene.target = \[0.0, 0.0, 0.28, 0.0\].*expert.targets"):
+    with pytest.raises(BadInput, match=r"no label leads to scene.target = \[0.0, 0.0, 0.28, 0.0\].*dataset.targets"):
         labels_to(load(directory), np.array([0.0, 0.0, 0.28, 0.0]))
 
 
 @pytest.mark.parametrize("bad", [(1.5, 0.0, 0.28, 0.0), (9.0, 0.0, 0.28, 0.0), (0.0, 0.0, 0.28, 3.5)])
 def test_bad_targets_are_refused_by_number_before_any_work(tmp_path, bad):
-    expert = EXPERT.model_copy(update={"targets": (TARGETS[0], bad)})
-    with pytest.raises(BadInput, match=r"^expert.targets\[1\]"):
-        generate(SCENE, expert, DatasetSettings(), SEED, tmp_path / "d", INLINE)
+    dataset = DATASET.model_copy(update={"targets": (TARGETS[0], bad)})
+    with pytest.raises(BadInput, match=r"^dataset.targets\[1\]"):
+        generate(SCENE, EXPERT, dataset, SEED, tmp_path / "d", INLINE)
     assert not (tmp_path / "d").exists()
     line = f"targets = [[3.0, 0.0, 0.28, 0.0], {list(bad)}]"
-    (tmp_path / "e.toml").write_text(f'extends = "{BASE}"\nname = "n"\n[expert]\n{line}\n')
+    (tmp_path / "e.toml").write_text(f'extends = "{BASE}"\nname = "n"\n[dataset]\n{line}\n')
     command = [sys.executable, "-m", "agile_jax.cli", "expert", "e.toml", "--engine", "inline"]
     done = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.returncode == 2
-    assert "e.toml: expert.targets[1] " in done.stderr
+    assert "e.toml: dataset.targets[1] " in done.stderr
     assert not (tmp_path / "runs").exists()
 
 
@@ -84,6 +84,6 @@ def test_shards_of_the_schema_before_are_made_again(copy, reference, caplog):
 
 @pytest.mark.slow
 def test_two_workers_write_the_same_bytes(directory, tmp_path):
-    generate(SCENE, SEVERAL, DatasetSettings(), SEED, tmp_path, functools.partial(open_engine, "local", 2))
+    generate(SCENE, EXPERT, SEVERAL, SEED, tmp_path, functools.partial(open_engine, "local", 2))
     for path in directory.glob("shard-*.npz"):
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()

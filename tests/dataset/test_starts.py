@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
+from agile_jax.dataset import DatasetSettings
 from agile_jax.dataset.starts import draw_start
 from agile_jax.expert import ExpertSettings, planning_margin
 from agile_jax.scene import SceneSettings, clearance, make_scene
 from agile_jax.settings import BadInput
 
 TABLE = {"kind": "table", "position": [1.5, 0.0], "size": [0.5, 1.0], "underside": 0.25}
+EXPERT = ExpertSettings()
 SETTINGS = SceneSettings(obstacles=[TABLE])
 
 
@@ -19,23 +21,23 @@ def scene():
 
 @pytest.mark.parametrize("starts", ["paper", "wide"])
 def test_free_counted_and_reproducible(scene, starts):
-    settings = ExpertSettings(starts=starts)
-    drawn = [draw_start(scene, SETTINGS, settings, 1, i) for i in range(100)]
+    settings = DatasetSettings(starts=starts)
+    drawn = [draw_start(scene, SETTINGS, EXPERT, settings, 1, i) for i in range(100)]
     poses = np.concatenate([d.poses for d in drawn])
     assert poses.shape == (100, 4)
-    assert (clearance(scene, poses) >= planning_margin(settings)).all()
+    assert (clearance(scene, poses) >= planning_margin(EXPERT)).all()
     assert ((poses >= scene.lower) & (poses <= scene.upper)).all()
     for d in drawn:
         assert d.attempted == 1 + d.rejected_collision + d.rejected_bounds
     assert sum(d.rejected_collision for d in drawn) > 0
-    np.testing.assert_array_equal(draw_start(scene, SETTINGS, settings, 1, 37).poses, poses[37:38])
+    np.testing.assert_array_equal(draw_start(scene, SETTINGS, EXPERT, settings, 1, 37).poses, poses[37:38])
     assert len(np.unique(poses, axis=0)) == 100
-    assert (draw_start(scene, SETTINGS, settings, 2, 37).poses != poses[37:38]).any()
+    assert (draw_start(scene, SETTINGS, EXPERT, settings, 2, 37).poses != poses[37:38]).any()
 
 
 def test_wide_covers_all_sides_of_the_table_and_beyond_the_target(scene):
-    settings = ExpertSettings(starts="wide")
-    poses = np.concatenate([draw_start(scene, SETTINGS, settings, 0, i).poses for i in range(600)])
+    settings = DatasetSettings(starts="wide")
+    poses = np.concatenate([draw_start(scene, SETTINGS, EXPERT, settings, 0, i).poses for i in range(600)])
     x, y, z, yaw = poses.T
     over = (np.abs(x - 1.5) < 0.25 + scene.torso_half_size[0]) & (np.abs(y) < 0.5 + scene.torso_half_size[1])
     assert over.mean() > 0.05
@@ -62,4 +64,4 @@ def test_hopeless_starts_are_refused():
         upper=(4.5, 3.0, 0.361, 3.2),
     )
     with pytest.raises(BadInput, match="free"):
-        draw_start(make_scene(settings), settings, ExpertSettings(starts="wide"), 0, 0)
+        draw_start(make_scene(settings), settings, EXPERT, DatasetSettings(starts="wide"), 0, 0)

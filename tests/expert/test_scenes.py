@@ -162,7 +162,7 @@ def test_the_plane_has_no_way_under_the_table(scene):
     for height in np.linspace(0.14, 0.32, 7):
         assert clearance(flat, np.array([1.5, 0.0, height, 0.0])) < 0
     assert clearance(scene, np.array([1.5, 0.0, 0.16, 0.0])) > 0
-    solution = make_expert(scene, ExpertSettings(nodes=40, planner="2d")).solve([0.0, 0.0, 0.2, 0.0])
+    solution = make_expert(scene, ExpertSettings(nodes=40, dimensions="2d")).solve([0.0, 0.0, 0.2, 0.0])
     assert solution.status == "solved"
     np.testing.assert_allclose(solution.trajectory.states[:, 2], 0.28, atol=1e-3)
     assert np.abs(solution.trajectory.states[:, 1]).max() > 0.5  # beside the table

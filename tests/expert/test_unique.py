@@ -59,7 +59,9 @@ def test_labels_of_the_general_program(experiment, count, changes):
     expert = make_expert(scene, settings)
     found = index = 0
     while found < count:
-        start = draw_start(scene, experiment.scene, experiment.expert, experiment.seed, index).poses[0]
+        start = draw_start(
+            scene, experiment.scene, experiment.expert, experiment.dataset, experiment.seed, index
+        ).poses[0]
         index += 1
         if usual.solve(start).method != "certified":
             found += 1

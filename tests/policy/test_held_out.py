@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from agile_jax.dataset import DatasetSettings, unseen_starts
 from agile_jax.dataset.starts import draw_start
 from agile_jax.expert import ExpertSettings, planning_margin
 from agile_jax.scene import SceneSettings, TableSettings, clearance, make_scene
@@ -13,7 +14,6 @@ from agile_jax.training.kinematic_test.held_out import (
     TEST_STREAM,
     WATCH_STREAM,
     summarise,
-    unseen_starts,
     worst_rows,
 )
 
@@ -31,7 +31,7 @@ def test_starts_are_free_and_of_streams_of_their_own():
     keys = [(0, TEST_STREAM), (0, WATCH_STREAM), (0, DAGGER_STREAM, 0), (0, DAGGER_STREAM, 1), (1, TEST_STREAM)]
     drawn = [unseen_starts(SCENE, EXPERT, 200, key) for key in keys]
     world = make_scene(SCENE)
-    labels = np.concatenate([draw_start(world, SCENE, EXPERT, 0, i).poses for i in range(200)])
+    labels = np.concatenate([draw_start(world, SCENE, EXPERT, DatasetSettings(), 0, i).poses for i in range(200)])
     together = np.concatenate([*drawn, labels])
     assert len(np.unique(together[:, :3], axis=0)) == len(together)
     assert clearance(world, together).min() >= planning_margin(EXPERT)

@@ -14,7 +14,7 @@ from agile_jax.training.units import make_units
 
 PLAIN = PolicySettings(kind="plain", hidden_layers=(16, 16))
 SETTINGS = TrainingSettings(batch_size=64, epochs=3)
-DISPLACEMENT = DatasetSettings(target="displacement")
+DISPLACEMENT = DatasetSettings(label_kind="displacement")
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_units(dataset):
 
 @pytest.mark.parametrize(("target", "units"), [("velocity", "std"), ("displacement", "si"), ("displacement", "std")])
 def test_errors_are_those_of_the_network_in_its_own_units(target, units, dataset, tmp_path):
-    reading = DatasetSettings(target=target)
+    reading = DatasetSettings(label_kind=target)
     training = SETTINGS.model_copy(update={"output_units": units})
     summary = train(
         dataset, SCENE, EXPERT, PLAIN, training, 0, tmp_path, closed_loop_settings=LOOPS, dataset_settings=reading
@@ -106,7 +106,7 @@ def test_units_of_a_structured_policy_are_refused(dataset, tmp_path):
             tmp_path,
             closed_loop_settings=LOOPS,
         )
-    with pytest.raises(BadInput, match=r'dataset\.target = "displacement" is for policy\.kind = "plain"'):
+    with pytest.raises(BadInput, match=r'dataset\.label_kind = "displacement" is for policy\.kind = "plain"'):
         train(
             dataset,
             SCENE,

@@ -14,7 +14,7 @@ from agile_jax.sweep import list_trials, run_sweep
 from agile_jax.sweep.run import wait_until_free
 
 BASE = pathlib.Path(__file__).parents[2] / "experiments" / "base.toml"
-SMALL = {"expert.trajectories": 2, "expert.shard_size": 1, "expert.nodes": 20, "name": "s"}
+SMALL = {"dataset.trajectories": 2, "dataset.shard_size": 1, "expert.nodes": 20, "name": "s"}
 
 
 def sweep(space: dict[str, list], metric: str = "dataset.optimality_gap_median") -> Experiment:

@@ -15,14 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from agile_jax.dataset import expert_times, time_limit
+from agile_jax.dataset import expert_times, time_limit, unseen_starts
 from agile_jax.engine import Engine
-from agile_jax.expert import ExpertSettings, planning_margin
+from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_atomic
 from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.progress import Progress, silent
-from agile_jax.scene import SceneSettings, make_scene, sample_starts
+from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.training.fit import Watch
 from agile_jax.training.kinematic_test.follow import (
     ARRIVED,
@@ -39,14 +39,6 @@ TEST_STREAM, WATCH_STREAM, DAGGER_STREAM = 7_002, 7_003, 7_004  # random streams
 SHORTEST = 1.0  # [s] of the expert; from nearer starts a ratio of times says nothing
 WORST = 12  # paths kept of the least clearance, and as many of the latest
 BATCH = 1024  # paths in memory at once
-
-
-def unseen_starts(scene: SceneSettings, expert: ExpertSettings, count: int, key: tuple[int, ...]) -> np.ndarray:
-    """Starts of the scene's distribution from which the expert may plan, shape (count, 4) [m, rad]."""
-    start = scene.start
-    return sample_starts(
-        make_scene(scene), np.array(start.mean), np.array(start.std), count, planning_margin(expert), key
-    ).poses
 
 
 def kinematic_follower(

@@ -1,0 +1,43 @@
+"""Settings that have another name than they had: an old name in a file or an override is one message with the new."""
+
+from collections.abc import Iterator, Mapping
+
+MOVED = {
+    "closed_loop": "kinematic_test",
+    "dagger": "aggregation",
+    "dataset.target": "dataset.label_kind",
+    "expert.planner": "expert.dimensions",
+    "expert.trajectories": "dataset.trajectories",
+    "expert.targets": "dataset.targets",
+    "expert.shard_size": "dataset.shard_size",
+    "expert.starts": "dataset.starts",
+    "expert.wide_paper_fraction": "dataset.wide_paper_fraction",
+    "expert.wide_target_fraction": "dataset.wide_target_fraction",
+    "expert.wide_target_std": "dataset.wide_target_std",
+    "expert.wide_yaw_std": "dataset.wide_yaw_std",
+    "expert.wide_padding": "dataset.wide_padding",
+}
+
+
+def moved(values: Mapping[str, object]) -> Iterator[tuple[tuple[str, ...], str]]:
+    """The keys in an experiment's tables that have another name now: their place, and what to write instead."""
+    for old, new in MOVED.items():
+        where = tuple(old.split("."))
+        if _holds(values, where):
+            yield where, f"is called {new} now"
+
+
+def new_name(dotted: str) -> str | None:
+    """The present name of a dotted setting, such as one that a sweep varies; None when it has not moved."""
+    for old, new in MOVED.items():
+        if dotted == old or dotted.startswith(f"{old}."):
+            return new + dotted.removeprefix(old)
+    return None
+
+
+def _holds(values: object, where: tuple[str, ...]) -> bool:
+    for name in where:
+        if not isinstance(values, Mapping) or name not in values:
+            return False
+        values = values[name]
+    return True
