@@ -20,7 +20,7 @@ from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import feed_forward_share, folded_leg, foothold, forward_reach
 from agile_jax.geometry import quaternion_to_matrix, rotation_2d, wrap_angle
-from agile_jax.robot import RobotModel, RobotState, composite_inertia, leg_forward_kinematics
+from agile_jax.robot import GRAVITY, RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 
 SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
 REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
@@ -78,7 +78,7 @@ def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     def init(state: RobotState) -> ControllerState:
         R = quaternion_to_matrix(state.base_quat, jnp)
         feet = state.base_pos + leg_forward_kinematics(robot, state.joint_pos) @ R.T
-        weight = composite_inertia(robot, state.joint_pos)[0] * 9.81
+        weight = composite_inertia(robot, state.joint_pos)[0] * GRAVITY
         return ControllerState(
             gait=gait.start(gait_settings),
             lift_off_world=feet,

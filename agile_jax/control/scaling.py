@@ -8,16 +8,14 @@ damping with a b^(3/2), and the weight of forces in the MPC with 1 / a^2, so tha
 import math
 
 from agile_jax.control.settings import ControlSettings
-from agile_jax.robot import RobotModel
-
-A1_MASS = 12.453  # [kg]
-A1_LEG = 0.4  # thigh and calf [m]
+from agile_jax.robot import RobotModel, RobotSettings, load_robot
 
 
 def scaled_to(robot: RobotModel, settings: ControlSettings) -> ControlSettings:
     """The settings as this robot needs them; for the A1, or with scale_to_robot off, as they are."""
-    mass = float(robot.link_masses.sum()) / A1_MASS
-    length = (robot.thigh_length + robot.calf_length) / A1_LEG
+    a1 = load_robot(RobotSettings())
+    mass = float(robot.link_masses.sum() / a1.link_masses.sum())
+    length = (robot.thigh_length + robot.calf_length) / (a1.thigh_length + a1.calf_length)
     if not settings.scale_to_robot or (math.isclose(mass, 1.0, rel_tol=1e-6) and math.isclose(length, 1.0)):
         return settings
     time = math.sqrt(length)

@@ -4,8 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.control.mpc.centroidal import GRAVITY
-from agile_jax.robot import RobotModel
+from agile_jax.robot import GRAVITY, RobotModel
 
 FOLDED, UPRIGHT = 0.5, 0.6  # height over leg length between which the swing's feed-forward fades in
 

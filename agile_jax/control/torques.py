@@ -11,10 +11,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.control.mpc.centroidal import GRAVITY
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import swing_path
 from agile_jax.robot import (
+    GRAVITY,
     RobotModel,
     RobotState,
     composite_inertia,

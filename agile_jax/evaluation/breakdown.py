@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from agile_jax.robot import GRAVITY
 from agile_jax.simulation import OUTCOME_NAMES
 
-GRAVITY = 9.81  # [m/s^2]
 QUANTILES = (0.05, 0.5, 0.95)
 NEAR_M = 0.3  # a start nearer to an obstacle than this is near [m]
 

@@ -22,7 +22,7 @@ from agile_jax.expert.settings import ExpertSettings, check_scene
 from agile_jax.files import hash_json, sha256
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.report.settings import ReportSettings
-from agile_jax.robot.settings import OWN, RobotSettings, check_envelope
+from agile_jax.robot.settings import OWN, RobotSettings
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import BadInput, Settings
 from agile_jax.sweep.settings import SweepSettings
@@ -101,7 +101,10 @@ class Experiment(Settings):
 
     @model_validator(mode="after")
     def _envelope_covers_the_robot(self) -> "Experiment":
-        check_envelope(self.scene.torso_half_size, self.robot)
+        if self.robot.name != OWN:
+            from agile_jax.robot.envelope import check_envelope  # loads MuJoCo
+
+            check_envelope(self.scene.torso_half_size, self.robot)
         return self
 
     @model_validator(mode="after")

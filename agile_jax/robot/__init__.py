@@ -3,11 +3,13 @@
 from typing import TYPE_CHECKING
 
 from agile_jax.lazy import lazy_names
-from agile_jax.robot.constants import FRONT, JOINT_NAMES, LEFT, LEG_NAMES
+from agile_jax.robot.constants import FRONT, GRAVITY, JOINT_NAMES, LEFT, LEG_NAMES
 from agile_jax.robot.settings import RobotSettings
 
 if TYPE_CHECKING:
     from agile_jax.robot.collision import CollisionShapes, body_clearance, collision_shapes
+    from agile_jax.robot.envelope import check_envelope
+    from agile_jax.robot.files import copy_robot, robot_digest
     from agile_jax.robot.kinematics import (
         LinkPoses,
         composite_inertia,
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FRONT",
+    "GRAVITY",
     "IMAGE_SIZE",
     "JOINT_COUNT",
     "JOINT_NAMES",
@@ -59,13 +62,16 @@ __all__ = [
     "RobotState",
     "body_clearance",
     "build_mujoco_model",
+    "check_envelope",
     "collision_shapes",
     "composite_inertia",
+    "copy_robot",
     "leg_forward_kinematics",
     "leg_inverse_kinematics",
     "leg_jacobian",
     "link_poses",
     "load_robot",
+    "robot_digest",
     "robot_state",
     "standing_qpos",
 ]
@@ -74,6 +80,8 @@ __getattr__ = lazy_names(
     __name__,
     {
         "collision": "CollisionShapes body_clearance collision_shapes",
+        "envelope": "check_envelope",
+        "files": "copy_robot robot_digest",
         "kinematics": (
             "LinkPoses composite_inertia leg_forward_kinematics leg_inverse_kinematics leg_jacobian link_poses"
         ),

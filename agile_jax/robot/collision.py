@@ -5,7 +5,6 @@ nearest on an edge of one of them, so that every distance is one of a segment to
 kinds are covered by their bounding box.
 """
 
-from itertools import product
 from typing import NamedTuple
 
 import jax.numpy as jnp
@@ -13,13 +12,14 @@ import mujoco
 import numpy as np
 
 from agile_jax.geometry import quaternion_to_matrix, rotation_2d, segment_box_distance
+from agile_jax.robot.constants import BOX_CORNERS
 from agile_jax.robot.kinematics import link_poses
 from agile_jax.robot.model import QPOS_SIZE, Array, RobotModel
 from agile_jax.robot.mujoco_model import OBSTACLE_BIT
 from agile_jax.scene import Scene
 
-CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # (8, 3)
-EDGES = np.array([(i, j) for i in range(8) for j in range(i) if np.abs(CORNERS[i] - CORNERS[j]).sum() == 2])  # (12, 2)
+_PAIRS = [(i, j) for i in range(8) for j in range(i)]
+EDGES = np.array([p for p in _PAIRS if np.abs(BOX_CORNERS[p[0]] - BOX_CORNERS[p[1]]).sum() == 2])  # (12, 2) corners
 
 
 class CollisionShapes(NamedTuple):
@@ -50,7 +50,7 @@ def collision_shapes(model: mujoco.MjModel) -> CollisionShapes:
             continue
         center, half = geom.pos + rotation @ model.geom_aabb[index, :3], model.geom_aabb[index, 3:]
         boxes.append((link, center, rotation, half))
-        corners = center + (CORNERS * half) @ rotation.T
+        corners = center + (BOX_CORNERS * half) @ rotation.T
         segments += [(link, corners[edge], 0.0) for edge in EDGES]
     return CollisionShapes(
         np.array([link for link, _, _ in segments]),
@@ -91,7 +91,7 @@ def body_clearance(robot: RobotModel, shapes: CollisionShapes, scene: Scene, qpo
     distances = segment_box_distance(local[:, :, 0], local[:, :, 1], halves[:, None], jnp) - shapes.radii
     nearest = distances.min()
     if len(shapes.box_links):
-        corners = centers[:, None] + jnp.einsum("oij,ocj->oci", turns, CORNERS * halves[:, None])
+        corners = centers[:, None] + jnp.einsum("oij,ocj->oci", turns, BOX_CORNERS * halves[:, None])
         edges = corners[:, EDGES]  # (o, 12, 2, 3)
         box_rotation = rotation[shapes.box_links] @ shapes.box_rotations
         box_center = pos[shapes.box_links] + jnp.einsum("mij,mj->mi", rotation[shapes.box_links], shapes.box_centers)

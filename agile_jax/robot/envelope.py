@@ -4,10 +4,9 @@ import mujoco
 import numpy as np
 
 from agile_jax.geometry import quaternion_to_matrix
-from agile_jax.robot.collision import CORNERS
-from agile_jax.robot.constants import LEG_NAMES
+from agile_jax.robot.constants import BOX_CORNERS, LEG_NAMES
 from agile_jax.robot.mjcf import robot_spec
-from agile_jax.robot.settings import RobotSettings
+from agile_jax.robot.settings import OWN, RobotSettings
 from agile_jax.settings import BadInput
 
 
@@ -20,17 +19,19 @@ def torso_extent(model: mujoco.MjModel) -> np.ndarray:
         body = int(model.geom_bodyid[i])
         if body in places and model.geom_conaffinity[i]:
             box = model.geom_aabb[i]
-            corners = model.geom_pos[i] + (box[:3] + CORNERS * box[3:]) @ quaternion_to_matrix(model.geom_quat[i]).T
+            corners = model.geom_pos[i] + (box[:3] + BOX_CORNERS * box[3:]) @ quaternion_to_matrix(model.geom_quat[i]).T
             extent = np.maximum(extent, np.abs(places[body] + corners).max(0))
     return extent
 
 
-def check(torso_half_size: tuple[float, float, float], settings: RobotSettings) -> None:
-    """Refuse an envelope that is too small.
+def check_envelope(torso_half_size: tuple[float, float, float], settings: RobotSettings) -> None:
+    """Refuse a torso envelope of the planner that does not cover trunk and hips of another robot than the A1.
 
     Raises:
-        BadInput: with what it should be.
+        BadInput: with what it should be, or the robot's MJCF cannot be used.
     """
+    if settings.name == OWN:
+        return
     extent = torso_extent(robot_spec(settings).compile())
     if (extent > np.array(torso_half_size) + 1e-9).any():
         needed = [float(np.ceil(1000 * size) / 1000) for size in extent]

@@ -11,12 +11,13 @@ midway between the abad axes.
 """
 
 import pathlib
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
 
 from agile_jax.robot.constants import JOINT_NAMES, LEG_NAMES
-from agile_jax.robot.mjcf_legs import check_straight, joint_places, leg_joints, read_leg, torque_limit, trunk_body
+from agile_jax.robot.mjcf_legs import Leg, check_straight, joint_places, leg_joints, read_leg, torque_limit, trunk_body
 from agile_jax.robot.settings import OWN, RobotSettings
 from agile_jax.settings import BadInput
 
@@ -53,6 +54,18 @@ def robot_spec(settings: RobotSettings) -> mujoco.MjSpec:
         raise BadInput(f"robot.name = {settings.name!r}: {error}") from None
 
 
+class _Original(NamedTuple):
+    """The robot as its file has it, at zero angles."""
+
+    model: mujoco.MjModel
+    data: mujoco.MjData
+    owner: list[int]  # the link that each body is, or is fixed to; 0 for what stands in the world
+
+    def members(self, link: int) -> list[int]:
+        """The bodies that become one link."""
+        return [body for body, owner in enumerate(self.owner) if owner == link]
+
+
 def _rebuild(source: mujoco.MjModel, settings: RobotSettings) -> mujoco.MjSpec:
     joints = [leg_joints(source, settings, leg) for leg in settings.legs]
     trunk = trunk_body(source, joints)
@@ -63,68 +76,73 @@ def _rebuild(source: mujoco.MjModel, settings: RobotSettings) -> mujoco.MjSpec:
     legs = [read_leg(source, data, name, own) for name, own in zip(settings.legs, joints, strict=True)]
     for name, leg in zip(settings.legs, legs, strict=True):
         check_straight(data, name, leg)
+    links = [int(source.jnt_bodyid[joint]) for leg in legs for joint in leg.joints]
+    original = _Original(source, data, _owners(source, [trunk, *links]))
+    origin = np.mean([data.xanchor[leg.joints[0]] for leg in legs], 0)
 
+    spec = _empty_spec()
+    body = spec.worldbody.add_body(name="trunk", pos=[0.0, 0.0, 1.0])
+    body.add_freejoint(name="base")
+    _fill(spec, original, body, trunk, origin, _FLOOR_AND_OBSTACLES)
+    for name, leg in zip(LEG_NAMES, legs, strict=True):
+        _add_leg(spec, original, body, origin, name, leg)
+    return spec
+
+
+def _empty_spec() -> mujoco.MjSpec:
+    """The options of robot/a1.xml, and nothing else."""
     spec = mujoco.MjSpec()
     spec.compiler.degree = False
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_EULER
     spec.option.cone = mujoco.mjtCone.mjCONE_PYRAMIDAL
     spec.option.jacobian = mujoco.mjtJacobian.mjJAC_DENSE
     spec.option.disableflags |= mujoco.mjtDisableBit.mjDSBL_AUTORESET
-    origin = np.mean([data.xanchor[leg.joints[0]] for leg in legs], 0)
-    origin[2] = np.mean([data.xanchor[leg.joints[0], 2] for leg in legs])
-    links = {joint: source.jnt_bodyid[joint] for leg in legs for joint in leg.joints}
-    owner = _owners(source, [trunk, *links.values()])
-
-    body = spec.worldbody.add_body(name="trunk", pos=[0.0, 0.0, 1.0])
-    body.add_freejoint(name="base")
-    _fill(
-        spec,
-        source,
-        data,
-        body,
-        [b for b in range(source.nbody) if owner[b] == trunk],
-        origin,
-        _FLOOR_AND_OBSTACLES,
-        None,
-    )
-    for name, leg in zip(LEG_NAMES, legs, strict=True):
-        parent, before = body, origin
-        foot = data.geom_xpos[leg.foot]
-        places = joint_places(data, leg, foot)
-        for k, (joint, place) in enumerate(zip(leg.joints, places, strict=True)):
-            link = parent.add_body(name=f"{name}_{('hip', 'thigh', 'calf')[k]}", pos=place - before)
-            low, high = source.jnt_range[joint] if source.jnt_limited[joint] else (-UNLIMITED, UNLIMITED)
-            if leg.signs[k] < 0:
-                low, high = -high, -low
-            if k == 2:
-                high = min(high, 0.0)
-                if low >= high:
-                    raise BadInput(
-                        f"leg {name}: its knee must bend backward, but its range is [{low:.3g}, {high:.3g}] rad"
-                    )
-            dof = source.jnt_dofadr[joint]
-            link.add_joint(
-                name=f"{name}_{JOINT_NAMES[k]}",
-                axis=[1, 0, 0] if k == 0 else [0, 1, 0],
-                range=[low, high],
-                limited=mujoco.mjtLimited.mjLIMITED_TRUE,
-                damping=source.dof_damping[dof],
-                armature=source.dof_armature[dof],
-                frictionloss=source.dof_frictionloss[dof],
-            )
-            members = [b for b in range(source.nbody) if owner[b] == links[joint]]
-            affinity = _OBSTACLES if k == 2 else _FLOOR_AND_OBSTACLES
-            _fill(spec, source, data, link, members, place, affinity, leg.foot, name)
-            limit = torque_limit(source, joint)
-            spec.add_actuator(
-                name=f"{name}_{JOINT_NAMES[k]}",
-                trntype=mujoco.mjtTrn.mjTRN_JOINT,
-                target=f"{name}_{JOINT_NAMES[k]}",
-                ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
-                ctrlrange=[-limit, limit],
-            )
-            parent, before = link, place
     return spec
+
+
+def _add_leg(
+    spec: mujoco.MjSpec, original: _Original, trunk: mujoco.MjsBody, origin: np.ndarray, name: str, leg: Leg
+) -> None:
+    """Hip, thigh and calf with their joints, geoms and motors; `origin` is the trunk's."""
+    source = original.model
+    parent, before = trunk, origin
+    for k, place in enumerate(joint_places(original.data, leg, original.data.geom_xpos[leg.foot])):
+        joint = leg.joints[k]
+        dof = source.jnt_dofadr[joint]
+        link = parent.add_body(name=f"{name}_{('hip', 'thigh', 'calf')[k]}", pos=place - before)
+        link.add_joint(
+            name=f"{name}_{JOINT_NAMES[k]}",
+            axis=[1, 0, 0] if k == 0 else [0, 1, 0],
+            range=_joint_range(source, name, leg, k),
+            limited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            damping=source.dof_damping[dof],
+            armature=source.dof_armature[dof],
+            frictionloss=source.dof_frictionloss[dof],
+        )
+        affinity = _OBSTACLES if k == 2 else _FLOOR_AND_OBSTACLES
+        _fill(spec, original, link, int(source.jnt_bodyid[joint]), place, affinity, leg.foot, name)
+        limit = torque_limit(source, joint)
+        spec.add_actuator(
+            name=f"{name}_{JOINT_NAMES[k]}",
+            trntype=mujoco.mjtTrn.mjTRN_JOINT,
+            target=f"{name}_{JOINT_NAMES[k]}",
+            ctrllimited=mujoco.mjtLimited.mjLIMITED_TRUE,
+            ctrlrange=[-limit, limit],
+        )
+        parent, before = link, place
+
+
+def _joint_range(source: mujoco.MjModel, name: str, leg: Leg, k: int) -> list[float]:
+    """The range of a leg's k-th joint about +x or +y [rad]; a knee's ends at the straight leg."""
+    joint = leg.joints[k]
+    low, high = source.jnt_range[joint] if source.jnt_limited[joint] else (-UNLIMITED, UNLIMITED)
+    if leg.signs[k] < 0:
+        low, high = -high, -low
+    if k == 2:
+        high = min(high, 0.0)
+        if low >= high:
+            raise BadInput(f"leg {name}: its knee must bend backward, but its range is [{low:.3g}, {high:.3g}] rad")
+    return [low, high]
 
 
 def _owners(source: mujoco.MjModel, links: list[int]) -> list[int]:
@@ -139,16 +157,16 @@ def _owners(source: mujoco.MjModel, links: list[int]) -> list[int]:
 
 def _fill(
     spec: mujoco.MjSpec,
-    source: mujoco.MjModel,
-    data: mujoco.MjData,
+    original: _Original,
     body: mujoco.MjsBody,
-    members: list[int],
+    link: int,
     origin: np.ndarray,
     affinity: int,
-    foot: int | None,
+    foot: int | None = None,
     leg: str = "",
 ) -> None:
-    """Mass and geoms of some bodies of the source, as seen at zero angles."""
+    """Give `body` the mass and the geoms of a link of the original; `origin` is the body's, at zero angles."""
+    source, data, members = original.model, original.data, original.members(link)
     masses = source.body_mass[members]
     mass = masses.sum()
     if mass <= 0:

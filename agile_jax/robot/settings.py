@@ -47,11 +47,3 @@ class RobotSettings(Settings):
         if len(set(legs)) < len(legs):
             raise ValueError(f"{list(legs)} must be four different names")
         return legs
-
-
-def check_envelope(torso_half_size: tuple[float, float, float], settings: RobotSettings) -> None:
-    """Refuse a torso envelope of the planner that does not cover trunk and hips of another robot (BadInput)."""
-    if settings.name != OWN:
-        from agile_jax.robot.envelope import check
-
-        check(torso_half_size, settings)

@@ -15,7 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-GRAVITY = 9.81  # [m/s^2]
+from agile_jax.robot import GRAVITY
+
 AXES = 6
 
 

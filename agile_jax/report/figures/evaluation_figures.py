@@ -9,11 +9,11 @@ from matplotlib.patches import Rectangle
 from agile_jax.report.figures.scene_drawing import draw_obstacles, draw_target
 from agile_jax.report.figures.style import BLACK, BLUE, RED, dress, new_figure, save
 from agile_jax.report.traces import OUTCOMES, Outcomes
+from agile_jax.robot import GRAVITY
 from agile_jax.scene import Scene
 
 CELL = 0.25  # edge of a map's cells [m]
 FEW = 400  # episodes below which the single starts say more than a map
-GRAVITY = 9.81  # [m/s^2]
 
 
 class Quality(NamedTuple):
