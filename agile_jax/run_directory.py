@@ -18,6 +18,7 @@ from typing import Any, Literal, NamedTuple
 
 from agile_jax.experiment import STAGES, Experiment, experiment_hash, stage_hash, stage_settings, to_toml
 from agile_jax.files import sha256, write_atomic, write_json
+from agile_jax.robot.settings import OWN
 from agile_jax.settings import BadInput
 
 State = Literal["done", "begun", "new", "other settings"]
@@ -114,8 +115,10 @@ def write_record(run_dir: pathlib.Path, experiment: Experiment, stage: str) -> N
 
 
 def write_identity(run_dir: pathlib.Path, experiment: Experiment) -> None:
-    """Write experiment.toml (all settings, resolved) and environment.json (hashes, seed, versions, machine)."""
-    write_atomic(run_dir / "experiment.toml", to_toml(experiment).encode())
+    """Write experiment.toml (all settings, resolved), the robot's own files, and environment.json (hashes, seed,
+    versions, machine).
+    """
+    write_atomic(run_dir / "experiment.toml", to_toml(with_own_robot(run_dir, experiment)).encode())
     write_json(
         run_dir / "environment.json",
         {
@@ -129,6 +132,19 @@ def write_identity(run_dir: pathlib.Path, experiment: Experiment) -> None:
             "packages": package_versions(),
         },
     )
+
+
+def with_own_robot(run_dir: pathlib.Path, experiment: Experiment) -> Experiment:
+    """Copy the files of another robot into `run_dir`/robot, for the run to be opened elsewhere; the experiment with
+    the copy's path, relative to `run_dir`.
+    """
+    if experiment.robot.name == OWN:
+        return experiment
+    from agile_jax.robot import copy_robot  # loads MuJoCo
+
+    copied = pathlib.Path(copy_robot(experiment.robot, run_dir / "robot").name)
+    name = copied.relative_to(os.path.abspath(run_dir)).as_posix()
+    return experiment.model_copy(update={"robot": experiment.robot.model_copy(update={"name": name})})
 
 
 def package_versions() -> dict[str, str]:

@@ -17,6 +17,7 @@ from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment.file import Table, origin, override, read_table
 from agile_jax.experiment.moved import moved
+from agile_jax.experiment.robot_path import resolve_robot_paths
 from agile_jax.experiment.validation import validate
 from agile_jax.expert.settings import ExpertSettings, check_scene
 from agile_jax.files import hash_json, sha256
@@ -152,7 +153,7 @@ def load_experiment(path: pathlib.Path | str, overrides: Mapping[str, Any] | Non
     Raises:
         BadInput: with every error, one a line: file, dotted key, value, what is allowed, nearest valid name.
     """
-    return _make(override(read_table(pathlib.Path(path)), overrides or {}))
+    return _make(resolve_robot_paths(override(read_table(pathlib.Path(path)), overrides or {})))
 
 
 def with_overrides(experiment: Experiment, overrides: Mapping[str, Any], source: str) -> Experiment:

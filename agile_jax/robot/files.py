@@ -51,6 +51,7 @@ def copy_robot(settings: RobotSettings, folder: pathlib.Path) -> RobotSettings:
     main = pathlib.Path(os.path.abspath(settings.name))
     files = {pathlib.Path(os.path.abspath(name)) for name in mujoco.mju_getXMLDependencies(str(main))} | {main}
     base = pathlib.Path(os.path.commonpath([file.parent for file in files]))
+    folder = pathlib.Path(os.path.abspath(folder))
     copied = folder / main.relative_to(base)
     if copied != main:
         fresh = folder.with_name(f".{folder.name}.new")

@@ -21,7 +21,7 @@ class RobotSettings(Settings):
     """
 
     name: Annotated[str, Field(min_length=1)] = OWN
-    """The Unitree A1 ("a1"), or the path of an MJCF file."""
+    """The Unitree A1 ("a1"), or the path of an MJCF file, relative to the experiment file that sets it."""
     legs: Names4 = ("FR", "FL", "RR", "RL")
     """Names of front right, front left, rear right and rear left leg of another robot."""
     joints: Names3 = ("{leg}_hip_joint", "{leg}_thigh_joint", "{leg}_calf_joint")
