@@ -45,9 +45,10 @@ class RecordedEpisode:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the trunk's path and the scene from above; without `ax` on a new figure, `ax.figure`."""
-        from agile_jax.report import plot_path
+        from agile_jax.report import draw_plan, new_axes
 
-        return plot_path(make_scene(self.experiment.scene), self.poses, ax, f"robot: {self.outcome or 'recorded'}")
+        scene, label = make_scene(self.experiment.scene), f"robot: {self.outcome or 'recorded'}"
+        return draw_plan(new_axes() if ax is None else ax, scene, {label: self.trace})
 
     def video(self, file: pathlib.Path | str) -> str | None:
         """Film it to an mp4 in real time.

@@ -7,11 +7,12 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from typing import Protocol, TextIO
+from typing import Protocol, TextIO, runtime_checkable
 
 LINE_PERIOD = 10.0  # seconds between plain lines
 
 
+@runtime_checkable
 class Progress(Protocol):
     """What a long function tells of its work."""
 

@@ -34,18 +34,17 @@ class SolvedPath(ExpertSolution):
         Raises:
             ValueError: nothing was solved.
         """
-        from agile_jax.report import plot_path
+        from agile_jax.report import draw_plan, new_axes
 
         if self.status != "solved":
             raise ValueError(f"there is no path to draw: {self.cause}")
-        return plot_path(self.scene, self.trajectory.states[:, :4], ax, f"{self.branch}, {self.duration:.2f} s")
+        return draw_plan(new_axes() if ax is None else ax, self.scene, {self.branch: self.trajectory})
 
     def save(self, file: pathlib.Path, title: str = "") -> None:
         """Draw the path from above, from the side and from the front into a PNG."""
-        from agile_jax.report import draw_plan
+        from agile_jax.report import plan_figure, save_figure
 
-        file.parent.mkdir(parents=True, exist_ok=True)
-        draw_plan(self.scene, {self.branch: self.trajectory}, file, title)
+        save_figure(plan_figure(self.scene, {self.branch: self.trajectory}, title), file)
 
     def __repr__(self) -> str:
         if self.status != "solved":

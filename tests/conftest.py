@@ -10,6 +10,7 @@ import pytest
 from jaxtyping import install_import_hook
 
 CHECKED = [  # packages whose annotations, shapes too, are checked at every call in these tests
+    "agile_jax.report",
     "agile_jax.geometry",
 ]
 install_import_hook(CHECKED, "beartype.beartype")

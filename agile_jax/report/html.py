@@ -3,16 +3,17 @@
 import pathlib
 from collections.abc import Callable
 
+from agile_jax.experiment import Experiment
 from agile_jax.files import write_atomic
 from agile_jax.progress import Progress, silent
 from agile_jax.report import run_figures, sections
 from agile_jax.report.page import Section, page, paragraph
-from agile_jax.report.run_figures import Inputs
+from agile_jax.report.reading import read_json
 from agile_jax.report.video.rendering_record import write_record
 from agile_jax.settings import BadInput
 
 
-def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress = silent) -> pathlib.Path:
+def write_report(run_dir: pathlib.Path, experiment: Experiment, progress: Progress = silent) -> pathlib.Path:
     """Write `report.html`, `figures/*.png` and `videos/*.mp4` of a run.
 
     What the run does not hold yet is left out with a sentence. `rendering_notes(run_dir)` tells what
@@ -50,7 +51,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
     learning = guarded(lambda: sections.training_table(training))
     learning += guarded(lambda: run_figures.learning_curve(run_dir, floor if isinstance(floor, float) else None))
     learning += guarded(lambda: run_figures.velocity_field(run_dir, experiment))
-    learning += guarded(lambda: run_figures.closed_loop(run_dir, experiment))
+    learning += guarded(lambda: run_figures.kinematic_test(run_dir, experiment))
     results, pictures, records = [], "", {}
     for number, backend in enumerate(backends):
         progress("page", 2 + number, total, f"episodes of {backend}")
@@ -87,7 +88,7 @@ def write_report(run_dir: pathlib.Path, experiment: Inputs, progress: Progress =
 def _read(path: pathlib.Path, run_dir: pathlib.Path, problems: list[str]) -> dict | None:
     """The summary, None when it is missing or damaged; the latter is added to `problems`."""
     try:
-        return sections.read_json(path)
+        return read_json(path)
     except BadInput as error:
         problems.append(str(error).replace(f"{run_dir}/", ""))
         return None

@@ -6,66 +6,54 @@ What is not there yet is left out with a sentence.
 import io
 import pathlib
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any, Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from PIL import Image
 
-from agile_jax.expert import ExpertSettings, Trajectory, make_expert, planning_margin
+from agile_jax.experiment import Experiment
+from agile_jax.expert import Trajectory, make_expert, planning_margin
 from agile_jax.files import write_atomic
 from agile_jax.report import page
-from agile_jax.report.figures.episode_figures import draw_episode, draw_outcomes
-from agile_jax.report.figures.evaluation_figures import draw_qualities, draw_success_map, read_qualities
-from agile_jax.report.figures.kinematic_test_figures import (
-    draw_arrivals,
-    draw_error_map,
-    draw_worst_paths,
-    read_closed_loop,
+from agile_jax.report.figures.episode_figures import episode_figure
+from agile_jax.report.figures.evaluation_figures import (
+    draw_outcomes,
+    draw_success_map,
+    qualities,
+    qualities_figure,
 )
+from agile_jax.report.figures.kinematic_test_figures import arrivals_figure, error_map_figure, worst_paths_figure
 from agile_jax.report.figures.learning_figures import (
     draw_learning_curve,
-    draw_velocity_field,
     draw_velocity_field_side,
+    velocity_field_figure,
+)
+from agile_jax.report.figures.plan_figures import plan_figure
+from agile_jax.report.figures.style import new_figure, save_figure
+from agile_jax.report.reading import (
+    Episode,
+    Summary,
+    choose_episode,
+    load_columns,
+    load_episodes,
+    load_kinematic_test,
+    load_outcomes,
+    load_test_errors,
     read_metrics,
 )
-from agile_jax.report.figures.plan_figures import draw_plan
-from agile_jax.report.settings import ReportSettings
-from agile_jax.report.traces import Episode, choose_episode, load_episodes, load_outcomes, went_under
+from agile_jax.report.under_obstacles import crawl_height, went_under
 from agile_jax.report.video.camera import film, join, snapshots
 from agile_jax.report.video.video import SIM_DT, Rendered, render_shot, write_mp4
-from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
-from agile_jax.scene import Scene, SceneSettings, clearance, make_scene, planar_scene
+from agile_jax.robot import build_mujoco_model, load_robot
+from agile_jax.scene import Scene, clearance, make_scene, planar_scene
 
-if TYPE_CHECKING:
-    from agile_jax.policy import PolicySettings
-
-
-class Inputs(Protocol):
-    """The settings that a report reads; an Experiment has them."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def scene(self) -> SceneSettings: ...  # noqa: D102
-
-    @property
-    def expert(self) -> ExpertSettings: ...  # noqa: D102
-
-    @property
-    def policy(self) -> "PolicySettings": ...  # noqa: D102
-
-    @property
-    def robot(self) -> RobotSettings: ...  # noqa: D102
-
-    @property
-    def report(self) -> ReportSettings: ...  # noqa: D102
+FEW = 400  # episodes below which the single starts say more than a map
 
 
-def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
+def paths(run_dir: pathlib.Path, experiment: Experiment) -> str:
     """The paper's figure 2: the plan in space and the plan in the plane, from one start at the target's height."""
-    scene = make_scene(inputs.scene)
-    start = np.array([*inputs.report.paths_start, scene.target[2], scene.target[3]])
+    scene = make_scene(experiment.scene)
+    start = np.array([*experiment.report.paths_start, scene.target[2], scene.target[3]])
     planners: dict[str, tuple[Literal["3d", "2d"], Scene]] = {"3D: may change its height": ("3d", scene)}
     if len(scene.obstacle_centers):
         planners["2D: keeps its height,\nobstacles are full boxes"] = ("2d", planar_scene(scene))
@@ -75,12 +63,12 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
         short = label.split(":")[0]
         blocked = [
             name for name, pose in (("start", start), ("target", world.target))
-            if clearance(world, pose) < planning_margin(inputs.expert)
+            if clearance(world, pose) < planning_margin(experiment.expert)
         ]  # fmt: skip
         if blocked:
             sentences.append(f"There is no {short} path: its {blocked[0]} is too near to an obstacle.")
             continue
-        expert = make_expert(scene, inputs.expert.model_copy(update={"dimensions": planner}))
+        expert = make_expert(scene, experiment.expert.model_copy(update={"dimensions": planner}))
         solution = expert.solve(start, initial_velocity="rest")  # the paper's, however the labels begin
         if solution.status == "solved":
             drawn[f"{label}\n({solution.branch})"] = solution.trajectory
@@ -92,7 +80,7 @@ def paths(run_dir: pathlib.Path, inputs: Inputs) -> str:
     words = page.paragraph(" ".join(sentences))
     if not drawn:
         return words
-    path = draw_plan(scene, drawn, run_dir / "figures" / "paths.png")
+    path = save_figure(plan_figure(scene, drawn), run_dir / "figures" / "paths.png")
     caption = (
         f"Minimum-time paths from ({start[0]:g}, {start[1]:g}) m to the target, from above, from the side and from the "
         "front. Rectangles: the torso's envelope at equal intervals of time."
@@ -104,20 +92,21 @@ def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
     """Error by epoch."""
     directory = run_dir / "training"
     rounds = sorted(directory.glob("round-*/metrics.jsonl"), key=lambda path: int(path.parent.name.partition("-")[2]))
-    rows: list[dict[str, Any]] = []
+    rows: list[Summary] = []
     for metrics in [*rounds, directory / "metrics.jsonl"]:
-        found = read_metrics(metrics) if metrics.is_file() else []
-        rows += [row | {"epoch": row.get("epoch", 0) + len(rows)} for row in found]
+        for row in read_metrics(metrics) if metrics.is_file() else []:
+            rows.append(row | {"epoch": len(rows)})
     if not rows:
         return page.paragraph("There is no learning curve: training/metrics.jsonl holds no epoch yet.")
-    path = draw_learning_curve(rows, noise_floor, run_dir / "figures" / "learning_curve.png")
+    figure = new_figure(7.0, 3.6)
+    draw_learning_curve(figure.add_subplot(), rows, noise_floor)
     return page.picture(
-        path,
+        save_figure(figure, run_dir / "figures" / "learning_curve.png"),
         "Error of the field on the training and on the validation trajectories; dotted: the labels' own noise.",
     )
 
 
-def velocity_field(run_dir: pathlib.Path, inputs: Inputs) -> str:
+def velocity_field(run_dir: pathlib.Path, experiment: Experiment) -> str:
     """Streamlines of the learned field at the target's height and, under an obstacle, at the height of crawling."""
     directory = run_dir / "training"
     if not (directory / "checkpoints").is_dir():
@@ -125,109 +114,104 @@ def velocity_field(run_dir: pathlib.Path, inputs: Inputs) -> str:
     from agile_jax.policy import make_policy, make_velocities  # they load JAX
     from agile_jax.training import load_parameters
 
-    scene = make_scene(inputs.scene)
-    policy = make_policy(scene, np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration), inputs.policy)
+    scene, limits = make_scene(experiment.scene), experiment.expert
+    policy = make_policy(scene, np.array(limits.velocity), np.array(limits.acceleration), experiment.policy)
     velocities = make_velocities(policy, load_parameters(directory, policy))
     heights = {f"at the target's height, {scene.target[2]:.2f} m": float(scene.target[2])}
-    crawl = crawl_height(scene, planning_margin(inputs.expert))
+    crawl = crawl_height(scene, planning_margin(experiment.expert))
     if crawl is not None:
         heights[f"at the height of crawling, {crawl:.2f} m"] = crawl
-    path = run_dir / "figures" / "velocity_field.png"
-    draw_velocity_field(scene, velocities, heights, path)
+    figure = velocity_field_figure(scene, velocities, heights)
     what = "acceleration from rest" if policy.learns == "acceleration" else "velocity field"
     above = page.picture(
-        path,
+        save_figure(figure, run_dir / "figures" / "velocity_field.png"),
         f"The learned {what} from above, at the target's yaw. Nothing is drawn where the torso would touch the "
         "obstacle.",
     )
-    path = draw_velocity_field_side(scene, velocities, run_dir / "figures" / "velocity_field_side.png")
+    figure = new_figure(7.4, 2.9)
+    draw_velocity_field_side(figure.add_subplot(), scene, velocities)
     return above + page.picture(
-        path, "The same from the side, in the plane of the target: how it ducks, and rises again."
+        save_figure(figure, run_dir / "figures" / "velocity_field_side.png"),
+        "The same from the side, in the plane of the target: how it ducks, and rises again.",
     )
 
 
-def closed_loop(run_dir: pathlib.Path, inputs: Inputs) -> str:
-    """Where the field errs, and how its closed loop ends from held-out starts."""
-    scene, figures, directory = make_scene(inputs.scene), run_dir / "figures", run_dir / "training"
+def kinematic_test(run_dir: pathlib.Path, experiment: Experiment) -> str:
+    """Where the field errs, and how a kinematic robot that follows it ends from held-out starts."""
+    scene, figures, directory = make_scene(experiment.scene), run_dir / "figures", run_dir / "training"
     html = ""
     if (directory / "test_errors.npz").is_file():
-        with np.load(directory / "test_errors.npz", allow_pickle=False) as file:
-            path = draw_error_map(scene, file["pose"], file["error"], figures / "error_map.png")
-        html += page.picture(path, "Error on held-out trajectories by place, from above and from the side.")
-    if (directory / "closed_loop.npz").is_file():
-        loops = read_closed_loop(directory / "closed_loop.npz")
-        path = draw_arrivals(scene, loops, figures / "arrivals.png")
+        figure = error_map_figure(scene, *load_test_errors(directory / "test_errors.npz"))
         html += page.picture(
-            path,
-            f"A kinematic robot follows the policy from {len(loops.start)} starts that no training has seen: arrival "
+            save_figure(figure, figures / "error_map.png"),
+            "Error on held-out trajectories by place, from above and from the side.",
+        )
+    if (directory / "closed_loop.npz").is_file():
+        test = load_kinematic_test(directory / "closed_loop.npz")
+        html += page.picture(
+            save_figure(arrivals_figure(scene, test), figures / "arrivals.png"),
+            f"A kinematic robot follows the policy from {len(test.start)} starts that no training has seen: arrival "
             "time over the expert's from the same start, and how many failed.",
         )
-        path = draw_worst_paths(scene, loops, figures / "worst_paths.png")
         html += page.picture(
-            path, "The worst of them: those that failed, came nearest to an obstacle, or arrived latest."
+            save_figure(worst_paths_figure(scene, test), figures / "worst_paths.png"),
+            "The worst of them: those that failed, came nearest to an obstacle, or arrived latest.",
         )
     return html
 
 
-def crawl_height(scene: Scene, margin: float) -> float | None:
-    """Greatest height [m] of the torso's centre under the lowest obstacle that can be passed under, or None."""
-    undersides = scene.obstacle_centers[:, 2] - scene.obstacle_half_sizes[:, 2]
-    heights = undersides - scene.torso_half_size[2] - margin
-    passable = heights[heights > scene.lower[2]]
-    return float(passable.min()) if len(passable) else None
-
-
-def evaluation(run_dir: pathlib.Path, inputs: Inputs, backend: str) -> tuple[str, str, Rendered | None]:
+def evaluation(run_dir: pathlib.Path, experiment: Experiment, backend: str) -> tuple[str, str, Rendered | None]:
     """Figures of an evaluation.
 
     Returns:
         HTML of the outcomes and the episode; HTML of video and snapshots, "" without traces; how these were rendered.
     """
-    scene = make_scene(inputs.scene)
+    scene, robot = make_scene(experiment.scene), load_robot(experiment.robot)
     figures, folder = run_dir / "figures", run_dir / "evaluation"
     rows = folder / f"{backend}.npz"
     if not rows.is_file():
         return page.paragraph(f"There is no evaluation/{backend}.npz."), "", None
     outcomes = load_outcomes(rows)
+    figure = new_figure(8.0, 4.6)
+    draw_outcomes(figure.add_subplot(), scene, outcomes)
     shown = page.picture(
-        draw_outcomes(scene, outcomes, figures / f"outcomes_{backend}.png"),
+        save_figure(figure, figures / f"outcomes_{backend}.png"),
         "Where the episodes started, and how they ended. Obstacles are brown, the target is the arrow.",
     )
-    robot = load_robot(inputs.robot)
-    map_of_success = draw_success_map(scene, outcomes, figures / f"success_{backend}.png")
-    if map_of_success is not None:
+    if len(outcomes.outcome) >= FEW:
+        figure = new_figure(8.0, 5.4)
+        draw_success_map(figure.add_subplot(), scene, outcomes)
         shown += page.picture(
-            map_of_success, "Starts by cell, with their number; where episodes failed, red, with how many of them did."
+            save_figure(figure, figures / f"success_{backend}.png"),
+            "Starts by cell, with their number; where episodes failed, red, with how many of them did.",
         )
-    qualities = draw_qualities(
-        read_qualities(rows, float(robot.link_masses.sum())), figures / f"qualities_{backend}.png"
-    )
-    if qualities is not None:
-        shown += page.picture(qualities, "How the episodes went, as cumulative distributions.")
+    found = qualities(load_columns(rows), float(robot.link_masses.sum()))
+    if found:
+        path = save_figure(qualities_figure(found), figures / f"qualities_{backend}.png")
+        shown += page.picture(path, "How the episodes went, as cumulative distributions.")
     traces = folder / f"{backend}-traces.npz"
     episode = choose_episode(scene, load_episodes(traces, outcomes)) if traces.is_file() else None
     if episode is None:
         return shown + page.paragraph("No episode was recorded."), "", None
-    limit = np.asarray(robot.torque_limit)
-    path = draw_episode(scene, episode, limit, figures / f"episode_{backend}.png")
+    figure = episode_figure(scene, episode.trace, np.asarray(robot.torque_limit))
     shown += page.picture(
-        path,
+        save_figure(figure, figures / f"episode_{backend}.png"),
         f"Episode {episode.row} ({episode.outcome}): height of the trunk and what is above it, speed in the plane, "
         "clearance of the torso's envelope, torques of the twelve joints.",
     )
-    return shown, *_pictures(run_dir, inputs, scene, episode, backend)
+    return shown, *_pictures(run_dir, experiment, scene, episode, backend)
 
 
 def _pictures(
-    run_dir: pathlib.Path, inputs: Inputs, scene: Scene, episode: Episode, backend: str
+    run_dir: pathlib.Path, experiment: Experiment, scene: Scene, episode: Episode, backend: str
 ) -> tuple[str, Rendered]:
     """Video and snapshots (the paper's figure 3) of an episode, rendered in one go."""
-    settings = inputs.report
+    settings, trace = experiment.report, episode.trace
     video, still = run_dir / "videos" / f"{backend}.mp4", run_dir / "figures" / f"snapshots_{backend}.png"
-    shot = snapshots(scene, episode.time, episode.qpos)
+    shot = snapshots(scene, trace.time, trace.qpos)
     count = len(shot.qpos)
     if settings.video:
-        shot = join(shot, film(episode.time, episode.qpos, settings.frames_per_second, settings.longest_video))
+        shot = join(shot, film(trace.time, trace.qpos, settings.frames_per_second, settings.longest_video))
 
     def consume(frames: Iterator[np.ndarray]) -> None:
         stills = [next(frames) for _ in range(count)]
@@ -238,8 +222,8 @@ def _pictures(
         if settings.video:
             write_mp4(video, frames, settings.frames_per_second)
 
-    rendered = render_shot(build_mujoco_model(scene, inputs.robot, SIM_DT), shot, settings, consume)
-    under = "crawls under an obstacle" if went_under(scene, episode) else "moves to the target"
+    rendered = render_shot(build_mujoco_model(scene, experiment.robot, SIM_DT), shot, settings, consume)
+    under = "crawls under an obstacle" if went_under(scene, trace.qpos[:, :3]) else "moves to the target"
     html = ""
     if settings.video:
         html += page.film(

@@ -1,12 +1,11 @@
 """The report's tables: what the summaries of a run say, in words and with units."""
 
-import json
 import pathlib
 import tomllib
 from typing import Any
 
 from agile_jax.report.page import Section, cards, listing, paragraph, table
-from agile_jax.settings import BadInput
+from agile_jax.report.reading import read_json
 
 _MSE = "(m/s)², (rad/s)²"
 _DATASET = {
@@ -67,23 +66,6 @@ _EVALUATION = {
     "seconds": ("time", "s"),
     "device": ("device", ""),
 }
-
-
-def read_json(path: pathlib.Path) -> dict[str, Any] | None:
-    """The object in a JSON file, None where there is no file.
-
-    Raises:
-        BadInput: the file holds something else.
-    """
-    if not path.is_file():
-        return None
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise BadInput(f"{path}: not JSON ({error})") from error
-    if not isinstance(value, dict):
-        raise BadInput(f"{path}: not a JSON object")
-    return value
 
 
 def percent(value: Any) -> str:

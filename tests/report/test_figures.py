@@ -2,33 +2,54 @@
 
 import json
 import pathlib
+import subprocess
+import sys
+from collections.abc import Callable
 
 import numpy as np
 import pytest
-from known_run import crawl
+from known_run import MOMENTS, SECONDS, known_trace
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from PIL import Image
 
 from agile_jax.expert import Trajectory
-from agile_jax.report import draw_plan
-from agile_jax.report.figures.episode_figures import draw_episode, draw_outcomes
-from agile_jax.report.figures.evaluation_figures import draw_qualities, draw_success_map, read_qualities
-from agile_jax.report.figures.kinematic_test_figures import (
-    draw_arrivals,
-    draw_error_map,
-    draw_worst_paths,
-    read_closed_loop,
+from agile_jax.report import draw_plan, plan_figure, save_figure
+from agile_jax.report.figures.episode_figures import episode_figure
+from agile_jax.report.figures.evaluation_figures import (
+    draw_outcomes,
+    draw_success_map,
+    qualities,
+    qualities_figure,
 )
+from agile_jax.report.figures.kinematic_test_figures import arrivals_figure, error_map_figure, worst_paths_figure
 from agile_jax.report.figures.learning_figures import (
     draw_learning_curve,
     draw_velocity_field,
     draw_velocity_field_side,
-    read_metrics,
+    velocity_field_figure,
 )
+from agile_jax.report.figures.motions import timed_poses
 from agile_jax.report.figures.scene_drawing import box_outline
-from agile_jax.report.figures.style import BLUE, GREEN, RED
-from agile_jax.report.traces import Episode, Outcomes, below_obstacle
+from agile_jax.report.figures.style import BLUE, GREEN, RED, new_figure
+from agile_jax.report.reading import Outcomes, load_columns, load_kinematic_test, read_metrics
+from agile_jax.report.under_obstacles import underside_above
 from agile_jax.scene import SceneSettings, TableSettings, make_scene
 from agile_jax.settings import BadInput
+
+
+@pytest.fixture
+def picture(tmp_path: pathlib.Path) -> Callable[..., pathlib.Path]:
+    """Saves a figure, or what a function draws on the axes of a new one."""
+
+    def make(drawn: Figure | Callable[..., Axes], *arguments: object) -> pathlib.Path:
+        if not isinstance(drawn, Figure):
+            ax = new_figure(7.0, 4.0).add_subplot()
+            assert drawn(ax, *arguments) is ax
+            drawn = ax.figure
+        return save_figure(drawn, tmp_path / f"{len(list(tmp_path.glob('*.png')))}.png")
+
+    return make
 
 
 def count_pixels(path: pathlib.Path, color: str) -> int:
@@ -51,14 +72,38 @@ def straight(height: float) -> Trajectory:
     return Trajectory(np.linspace(0, 4, 51), states, np.zeros((50, 4)))
 
 
-def test_a_plan_is_drawn_green_then_red_and_again_alike(tmp_path, scene):
-    one = draw_plan(scene, {"under": straight(0.16)}, tmp_path / "one.png")
-    two = draw_plan(scene, {"under": straight(0.16), "over": straight(0.28)}, tmp_path / "two.png")
+def test_a_plan_is_drawn_green_then_red_and_again_alike(picture, scene):
+    one = picture(plan_figure(scene, {"under": straight(0.16)}))
+    two = picture(plan_figure(scene, {"under": straight(0.16), "over": straight(0.28)}))
     assert_shows_something(two)
     assert count_pixels(one, GREEN) > 500
     assert count_pixels(one, RED) == 0
     assert count_pixels(two, RED) > 300
-    assert draw_plan(scene, {"under": straight(0.16)}, tmp_path / "again.png").read_bytes() == one.read_bytes()
+    assert picture(plan_figure(scene, {"under": straight(0.16)})).read_bytes() == one.read_bytes()
+
+
+def test_one_view_is_drawn_of_a_trajectory_and_of_a_recorded_episode(picture, scene):
+    """Both without a file between: what the expert returns, and what the physics recorded."""
+    trace = known_trace(sideways=0.4)
+    for motion in (straight(0.16), trace):
+        assert count_pixels(picture(draw_plan, scene, motion, "side"), GREEN) > 300
+    ax = draw_plan(new_figure(4.0, 4.0).add_subplot(), scene, {"plan": straight(0.16), "robot": trace})
+    lines = {line.get_label(): line.get_xydata() for line in ax.lines}
+    np.testing.assert_array_equal(lines["plan\n4.00 s"], straight(0.16).states[:, :2])
+    np.testing.assert_array_equal(lines[f"robot\n{SECONDS:.2f} s"], trace.qpos[:, :2])
+
+
+def test_a_recorded_yaw_is_read_from_the_quaternion():
+    yaw = np.linspace(3.0, 3.4, MOMENTS)  # past half a turn, without a jump
+    trace = known_trace()
+    trace.qpos[:, 3:7] = np.stack([np.cos(yaw / 2), 0 * yaw, 0 * yaw, np.sin(yaw / 2)], -1)
+    np.testing.assert_allclose(timed_poses(trace)[1][:, 3], yaw, atol=1e-12)
+
+
+def test_figures_leave_the_state_of_pyplot_alone():
+    code = "import sys, agile_jax.report as r; r.draw_plan, r.episode_figure; print('matplotlib.pyplot' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert result.stdout.strip() == "False"
 
 
 def test_silhouettes_of_a_turned_box():
@@ -70,30 +115,26 @@ def test_silhouettes_of_a_turned_box():
     np.testing.assert_allclose([front.min(0), front.max(0)], [[2 - np.sqrt(0.5), 0.2], [2 + np.sqrt(0.5), 0.4]])
 
 
-def test_outcomes_are_counted_and_coloured(tmp_path, scene):
+def test_outcomes_are_counted_and_coloured(picture, scene):
     start = np.column_stack([np.linspace(0, 1, 40), np.linspace(-1, 1, 40), np.full(40, 0.26), np.zeros(40)])
-    good = draw_outcomes(scene, Outcomes(start, np.zeros(40, int)), tmp_path / "good.png")
-    bad = draw_outcomes(scene, Outcomes(start, np.ones(40, int)), tmp_path / "bad.png")
+    good = picture(draw_outcomes, scene, Outcomes(start, np.zeros(40, int)))
+    bad = picture(draw_outcomes, scene, Outcomes(start, np.ones(40, int)))
     assert_shows_something(good)
     assert count_pixels(bad, RED) > 10 * max(1, count_pixels(good, RED))
 
 
-def test_the_map_of_success_marks_the_cell_that_failed(tmp_path, scene):
+def test_the_map_of_success_marks_the_cell_that_failed(picture, scene):
     x, y = np.meshgrid(np.linspace(0.01, 0.99, 21), np.linspace(-0.99, 0.99, 21))
     start = np.column_stack([x.ravel(), y.ravel(), np.full(x.size, 0.26), np.zeros(x.size)])
     bad = (np.hypot(x - 0.6, y - 0.1) < 0.1).ravel().astype(int)
     assert 0 < bad.sum() < 20
-    paths = [
-        draw_success_map(scene, Outcomes(start, outcome), tmp_path / f"{outcome.sum()}.png")
-        for outcome in (np.zeros_like(bad), bad)
-    ]
+    paths = [picture(draw_success_map, scene, Outcomes(start, outcome)) for outcome in (np.zeros_like(bad), bad)]
     pictures = [np.asarray(Image.open(path).convert("RGB")).astype(int) for path in paths]
     redder = (pictures[1][..., 0] - pictures[1][..., 2]) > (pictures[0][..., 0] - pictures[0][..., 2]) + 40
     assert redder.sum() > 500
-    assert draw_success_map(scene, Outcomes(start[:10], bad[:10]), tmp_path / "few.png") is None
 
 
-def test_qualities_are_those_of_the_columns(tmp_path):
+def test_qualities_are_those_of_the_columns(tmp_path, picture):
     columns = {
         "outcome": np.array([0, 0, 1]),
         "arrival_time": np.array([2.0, 3.0, np.nan]),
@@ -103,37 +144,37 @@ def test_qualities_are_those_of_the_columns(tmp_path):
         "distance": np.array([2.0, 1.0, 0.0]),
     }
     np.savez(tmp_path / "some.npz", **columns)
-    found = {quality.label: quality.values for quality in read_qualities(tmp_path / "some.npz", 10.0)}
+    read = qualities(load_columns(tmp_path / "some.npz"), mass=10.0)
+    found = {quality.label: quality.values for quality in read}
     assert list(found) == ["arrival time over the expert's", "least clearance of the robot [mm]", "cost of transport"]
     np.testing.assert_allclose(found["arrival time over the expert's"], [0.8, 1.0])
-    np.testing.assert_allclose(found["least clearance of the robot [mm]"], [-1.0, 10.0])
-    np.testing.assert_allclose(found["cost of transport"], [0.0, 5.0])
-    assert_shows_something(draw_qualities(read_qualities(tmp_path / "some.npz", 10.0), tmp_path / "some.png"))
-    assert draw_qualities([], tmp_path / "none.png") is None
+    np.testing.assert_allclose(found["least clearance of the robot [mm]"], [10.0, -1.0])
+    np.testing.assert_allclose(found["cost of transport"], [5.0, 0.0])
+    assert_shows_something(picture(qualities_figure(read)))
+    assert qualities({}, mass=10.0) == []
 
 
 @pytest.mark.parametrize("clear", [True, False])
-def test_an_episode_over_time(tmp_path, scene, clear):
-    time, qpos = crawl(0.0)
-    count = len(time)
-    distance = np.full(count, np.inf) if clear else 0.02 + np.abs(time - 1.5)
-    zeros = [np.zeros((count, width)) for width in (18, 12, 8)]
-    episode = Episode(0, "success", time, qpos, *zeros, distance)
-    path = draw_episode(scene, episode, np.full(12, 33.5), tmp_path / "episode.png")
+def test_an_episode_over_time(picture, scene, clear):
+    trace = known_trace()
+    distance = np.full(MOMENTS, np.inf) if clear else trace.clearance
+    path = picture(episode_figure(scene, trace._replace(clearance=distance), np.full(12, 33.5)))
     assert_shows_something(path)
     assert count_pixels(path, BLUE) > 500
 
 
-def test_an_episode_of_one_moment(tmp_path, scene):
-    time, qpos = crawl(0.0)
-    episode = Episode(0, "unstable", time[:1], qpos[:1], *(np.zeros((1, n)) for n in (18, 12, 8)), np.array([np.nan]))
-    assert_shows_something(draw_episode(scene, episode, np.full(12, 33.5), tmp_path / "episode.png"))
+def test_an_episode_of_one_moment(picture, scene):
+    trace = type(known_trace())(*(values[:1] for values in known_trace()))
+    unknown = trace._replace(clearance=np.array([np.nan]))
+    assert_shows_something(picture(episode_figure(scene, unknown, np.full(12, 33.5))))
 
 
-def test_learning_curve(tmp_path):
-    rows = [{"epoch": e, "train_mse": 0.1 / (e + 1), "validation_mse": 0.12 / (e + 1)} for e in range(60)]
+def test_learning_curve(picture):
+    rows: list[dict[str, object]] = [
+        {"epoch": e, "train_mse": 0.1 / (e + 1), "validation_mse": 0.12 / (e + 1)} for e in range(60)
+    ]
     rows[7]["train_mse"] = float("nan")
-    path = draw_learning_curve(rows, 0.002, tmp_path / "curve.png")
+    path = picture(draw_learning_curve, rows, 0.002)
     pixels = np.asarray(Image.open(path).convert("L"))
     assert (pixels < 200).mean() > 0.005
     assert count_pixels(path, BLUE) > 500
@@ -148,33 +189,33 @@ def test_a_torn_last_line_is_left_out_and_another_is_refused(tmp_path):
         read_metrics(path)
 
 
-def test_velocity_field_is_not_drawn_inside_the_obstacle(tmp_path, scene):
+def test_velocity_field_is_not_drawn_inside_the_obstacle(picture, scene):
     seen = []
 
     def velocity(poses):
         seen.append(poses.copy())
         return np.tile([0.5, 0.1, 0.0, 0.0], (len(poses), 1))
 
-    path = draw_velocity_field(scene, velocity, {"nominal": 0.28, "crawl": 0.16}, tmp_path / "field.png")
-    assert_shows_something(path)
+    assert_shows_something(picture(velocity_field_figure(scene, velocity, {"nominal": 0.28, "crawl": 0.16})))
     assert {float(z) for poses in seen for z in poses[:, 2]} == {0.28, 0.16}
+    assert_shows_something(picture(draw_velocity_field, scene, velocity, 0.28))
 
 
-def test_velocity_field_from_the_side_covers_the_plane_of_the_target(tmp_path, scene):
+def test_velocity_field_from_the_side_covers_the_plane_of_the_target(picture, scene):
     seen = []
 
     def velocity(poses):
         seen.append(poses.copy())
         return np.tile([0.5, 0.1, 0.05, 0.0], (len(poses), 1))
 
-    assert_shows_something(draw_velocity_field_side(scene, velocity, tmp_path / "side.png"))
+    assert_shows_something(picture(draw_velocity_field_side, scene, velocity))
     (poses,) = seen
     assert (poses[:, [1, 3]] == scene.target[[1, 3]]).all()
     assert poses[:, 2].min() == scene.lower[2]
     assert poses[:, 2].max() == scene.upper[2]
 
 
-def test_closed_loop_figures_show_failures_and_worst_paths(tmp_path, scene):
+def test_kinematic_test_figures_show_failures_and_worst_paths(tmp_path, picture, scene):
     generator = np.random.default_rng(0)
     starts = generator.uniform([-0.5, -1, 0.2, -0.1], [0.5, 1, 0.3, 0.1], (60, 4))
     arrival = np.append(np.full(58, 3.1), [np.inf, np.inf])
@@ -187,13 +228,13 @@ def test_closed_loop_figures_show_failures_and_worst_paths(tmp_path, scene):
         "worst": np.array([58, 59, 3]),
         "worst_poses": starts[[58, 59, 3], None] + generator.random((3, 50, 4)).cumsum(1) * 0.02,
     }
-    np.savez(tmp_path / "closed_loop.npz", **columns)
-    loops = read_closed_loop(tmp_path / "closed_loop.npz")
-    np.testing.assert_allclose(loops.ratio[:58], 3.1 / 3)
-    assert_shows_something(draw_arrivals(scene, loops, tmp_path / "arrivals.png"))
-    assert_shows_something(draw_worst_paths(scene, loops, tmp_path / "worst.png"))
+    np.savez(tmp_path / "test.npz", **columns)
+    found = load_kinematic_test(tmp_path / "test.npz")
+    np.testing.assert_allclose(found.ratio[:58], 3.1 / 3)
+    assert_shows_something(picture(arrivals_figure(scene, found)))
+    assert_shows_something(picture(worst_paths_figure(scene, found)))
     errors = generator.random(60) * 1e-3
-    assert_shows_something(draw_error_map(scene, starts, errors, tmp_path / "errors.png"))
+    assert_shows_something(picture(error_map_figure(scene, starts, errors)))
 
 
 def test_the_underside_is_known_where_the_table_is():
@@ -201,4 +242,4 @@ def test_the_underside_is_known_where_the_table_is():
     scene = make_scene(SceneSettings(obstacles=(table,)))
     # turned by 90 degrees the table reaches 0.1 m along x and 0.5 m along y
     positions = np.array([[1.05, 2.4, 0.2], [1.4, 2.05, 0.2], [1.05, 2.4, 0.3]])
-    np.testing.assert_array_equal(below_obstacle(scene, positions), [0.25, np.nan, np.nan])
+    np.testing.assert_array_equal(underside_above(scene, positions), [0.25, np.nan, np.nan])

@@ -6,10 +6,11 @@ import pathlib
 
 import numpy as np
 import pytest
-from known_run import RunInputs
+from known_run import known_experiment
 
+from agile_jax.experiment import Experiment
 from agile_jax.report import ReportSettings, rendering_notes, write_report
-from agile_jax.report.traces import choose_episode, load_episodes, load_outcomes
+from agile_jax.report.reading import choose_episode, load_episodes, load_outcomes
 from agile_jax.scene import SceneSettings
 
 VOID = {"meta", "img", "br", "link", "input", "hr", "source"}
@@ -50,12 +51,16 @@ class Page(html.parser.HTMLParser):
 
 
 @pytest.fixture
-def inputs(scene_settings) -> RunInputs:
-    return RunInputs(scene_settings)
+def inputs(scene_settings) -> Experiment:
+    return known_experiment(scene_settings)
 
 
-def without_video(inputs: RunInputs) -> RunInputs:
-    return inputs._replace(report=ReportSettings(renderer="drawing", video=False, width=320, height=180))
+def changed(inputs: Experiment, **settings: object) -> Experiment:
+    return inputs.model_copy(update=settings)
+
+
+def without_video(inputs: Experiment) -> Experiment:
+    return changed(inputs, report=ReportSettings(renderer="drawing", video=False, width=320, height=180))
 
 
 def test_a_whole_run(run_dir, inputs):
@@ -97,7 +102,7 @@ def test_what_rendering_lacks_is_kept_for_the_command_line(run_dir, inputs, monk
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     small = ReportSettings(video=False, width=320, height=180)
-    page = Page(write_report(run_dir, inputs._replace(scene=SceneSettings(), report=small)).read_text())
+    page = Page(write_report(run_dir, changed(inputs, scene=SceneSettings(), report=small)).read_text())
     (note,) = rendering_notes(run_dir)
     assert "apt-get install" in note
     assert note in page.text
@@ -111,7 +116,7 @@ def test_hostile_words_are_escaped(run_dir, inputs):
     (run_dir / "environment.json").write_text(json.dumps({"packages": {HOSTILE: [HOSTILE]}}))
     (run_dir / "experiment.toml").write_text(f"name = '{HOSTILE}'\n")
     (run_dir / f"evaluation/{HOSTILE.replace('/', '')}.json").write_text("{}")
-    path = write_report(run_dir, without_video(inputs)._replace(name=HOSTILE))
+    path = write_report(run_dir, changed(without_video(inputs), name=HOSTILE))
     page = Page(path.read_text())
     assert "script" not in page.tags
     assert HOSTILE in page.text
@@ -142,7 +147,7 @@ def test_missing_and_damaged_parts_are_survived_and_named(run_dir, inputs, names
             path.write_bytes(b"\x00\xff[garbage\n" * 40)
         else:
             path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-    no_table = without_video(inputs)._replace(scene=SceneSettings())  # its path is quickly planned
+    no_table = changed(without_video(inputs), scene=SceneSettings())  # its path is quickly planned
     page = Page(write_report(run_dir, no_table).read_text())
     if damage == "garbage":
         for name in names:

@@ -7,10 +7,9 @@ import sys
 import imageio.v2 as imageio
 import numpy as np
 import pytest
-from known_run import MOMENTS, SECONDS, crawl
+from known_run import SECONDS, crawl, known_trace
 
 from agile_jax.report import ReportSettings, render_video
-from agile_jax.report.traces import Episode
 from agile_jax.report.video.camera import film, snapshots
 from agile_jax.report.video.opengl import RenderError, candidates, opengl_frames
 from agile_jax.report.video.video import SIM_DT, render_shot, write_mp4
@@ -20,14 +19,9 @@ from agile_jax.settings import BadInput
 SMALL = ReportSettings(renderer="drawing", width=320, height=180)
 
 
-def episode(sideways: float = 0.0) -> Episode:
-    time, qpos = crawl(sideways)
-    return Episode(0, "success", time, qpos, *(np.zeros((MOMENTS, n)) for n in (18, 12, 8)), np.ones(MOMENTS))
-
-
 def test_length_size_and_motion(tmp_path: pathlib.Path, scene_settings):
     path = tmp_path / "videos" / "out.mp4"
-    assert render_video(scene_settings, RobotSettings(), episode(), path, SMALL) is None
+    assert render_video(scene_settings, RobotSettings(), known_trace(), path, SMALL) is None
     with imageio.get_reader(path) as reader:
         meta = reader.get_meta_data()
         frames = [np.asarray(frame).astype(int) for frame in reader]
@@ -76,7 +70,7 @@ def test_where_no_opengl_works_there_is_a_drawing_and_one_line(tmp_path, scene_s
     monkeypatch.delenv("DISPLAY", raising=False)
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     path = tmp_path / "out.mp4"
-    note = render_video(scene_settings, RobotSettings(), episode(), path, ReportSettings(width=320, height=180))
+    note = render_video(scene_settings, RobotSettings(), known_trace(), path, ReportSettings(width=320, height=180))
     assert note is not None
     assert "apt-get install" in note
     assert "\n" not in note

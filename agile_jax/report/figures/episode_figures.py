@@ -1,134 +1,123 @@
-"""Figures of the closed loop: outcomes over the starts, and one episode over time."""
-
-import pathlib
-from typing import Any
+"""Figures of one recorded episode over time: height, speed, clearance and torques."""
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from agile_jax.report.figures.scene_drawing import draw_obstacles, draw_target
 from agile_jax.report.figures.style import (
     BLACK,
     BLUE,
     GREEN,
     GREY,
     OBSTACLE,
+    OBSTACLE_EDGE,
     ORANGE,
     PURPLE,
     RED,
     dress,
     legend,
     new_figure,
-    save,
 )
-from agile_jax.report.traces import OUTCOMES, Episode, Outcomes, below_obstacle
+from agile_jax.report.under_obstacles import underside_above
 from agile_jax.scene import POSE_SIZE, Scene
+from agile_jax.simulation import Trace
 
-OUTCOME_LOOKS = {  # colour and marker: told apart without colour, too
-    "success": (BLUE, "o"),
-    "collision": (RED, "X"),
-    "fall": (ORANGE, "v"),
-    "timeout": (PURPLE, "s"),
-    "unstable": (BLACK, "P"),
-}
 JOINTS = ("abad", "hip", "knee")
 _JOINT_COLORS = (BLUE, ORANGE, PURPLE)
 
 
-def draw_outcomes(scene: Scene, outcomes: Outcomes, path: pathlib.Path) -> pathlib.Path:
-    """Starts in the plane, coloured by how their episode ended, with obstacles, target and counts."""
-    figure = new_figure(8.0, 4.6)
-    axes = dress(figure.add_subplot(), "x [m]", "y [m]")
-    draw_obstacles(axes, scene, "above")
-    for number, name in enumerate(OUTCOMES):
-        starts = outcomes.start[outcomes.outcome == number]
-        color, marker = OUTCOME_LOOKS[name]
-        axes.scatter(
-            starts[:, 0],
-            starts[:, 1],
-            s=28 if name == "success" else 46,
-            c=color,
-            marker=marker,
-            alpha=0.65 if name == "success" else 0.95,
-            linewidths=0.5,
-            edgecolors="white",
-            zorder=4 + 0.1 * (name != "success"),
-            label=f"{name}: {len(starts)}",
-        )
-    draw_target(axes, scene, "above")
-    axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.08)
-    legend(
-        axes, title=f"{len(outcomes.outcome)} starts", title_fontsize=8, loc="center left", bbox_to_anchor=(1.01, 0.5)
-    )
-    return save(figure, path)
-
-
-def draw_episode(scene: Scene, episode: Episode, torque_limit: np.ndarray, path: pathlib.Path) -> pathlib.Path:
-    """Height, speed, clearance and torques of one episode over time.
+def episode_figure(scene: Scene, trace: Trace, torque_limit: Float[np.ndarray, "12"]) -> Figure:
+    """Height, speed, clearance and torques of one episode over time, one below the other.
 
     Args:
         scene: for the underside of what the robot passes and the torso's envelope.
-        episode: K moments.
-        torque_limit: shape (12,) [N m].
-        path: of the PNG.
+        trace: of the episode.
+        torque_limit: of the joints [N m].
     """
     figure = new_figure(8.0, 8.6)
     panels = figure.subplots(4, 1, sharex=True, height_ratios=[1.2, 1.0, 0.8, 1.3])
-    time = episode.time - episode.time[0]
-    _draw_height(dress(panels[0], y_label="height [m]"), scene, episode, time)
-
-    speed = dress(panels[1], y_label="speed [m/s]")
-    wanted = np.hypot(episode.reference[:, POSE_SIZE], episode.reference[:, POSE_SIZE + 1])
-    speed.plot(
-        time, np.hypot(episode.qvel[:, 0], episode.qvel[:, 1]), color=BLUE, linewidth=1.3, label="trunk, in the plane"
-    )
-    speed.plot(time, wanted, color=BLACK, linewidth=1.2, linestyle="--", label="reference")
-    speed.set_ylim(bottom=0.0)
-    legend(speed, loc="lower center", ncols=2)
-
-    clearance = dress(panels[2], y_label="clearance [m]")
-    clearance.axhspan(-1.0, 0.0, facecolor=RED, alpha=0.12)
-    clearance.axhline(0.0, color=RED, linewidth=0.8)
-    clearance.plot(time, episode.clearance, color=GREEN, linewidth=1.4)
-    finite = episode.clearance[np.isfinite(episode.clearance)]
-    least = float(finite.min()) if len(finite) else 0.0
-    clearance.set_ylim(min(-0.03, 1.2 * least), max(0.15, min(0.6, 1.1 * float(finite.max()) if len(finite) else 0.6)))
-    if len(finite):
-        moment = float(time[int(np.nanargmin(np.where(np.isfinite(episode.clearance), episode.clearance, np.nan)))])
-        clearance.plot([moment], [least], "o", color=GREEN, markersize=4)
-        late = moment > 0.7 * time[-1]
-        words: dict[str, Any] = {"textcoords": "offset points", "ha": "right" if late else "left", "fontsize": 8}
-        clearance.annotate(f"least: {1e3 * least:.0f} mm", (moment, least), (-6 if late else 6, 8), **words)
-
-    _draw_torques(dress(panels[3], "time [s]", "torque [N m]"), episode, torque_limit, time)
-    panels[3].set_xlim(0.0, max(float(time[-1]), 1e-3))
+    draw_height(panels[0], scene, trace)
+    draw_speed(panels[1], trace)
+    draw_clearance(panels[2], trace)
+    draw_torques(panels[3], trace, torque_limit)
+    panels[3].set_xlabel("time [s]", fontsize=9)
+    panels[3].set_xlim(0.0, max(float(_time(trace)[-1]), 1e-3))
     figure.align_ylabels(panels)
-    return save(figure, path)
+    return figure
 
 
-def _draw_height(axes: Axes, scene: Scene, episode: Episode, time: np.ndarray) -> None:
-    height, half = episode.qpos[:, 2], scene.torso_half_size[2]
-    ceiling = below_obstacle(scene, episode.qpos[:, :3])
-    axes.fill_between(time, height - half, height + half, color=BLUE, alpha=0.15, linewidth=0, label="torso envelope")
-    axes.plot(time, height, color=BLUE, linewidth=1.5, label="trunk's centre")
-    axes.plot(time, episode.reference[:, 2], color=BLACK, linewidth=1.2, linestyle="--", label="reference")
-    top = float(max(np.nanmax(height + half), 0.36)) + 0.04
+def draw_height(ax: Axes, scene: Scene, trace: Trace) -> Axes:
+    """Height of the trunk, of its reference and of what is above it, over time. Returns `ax`."""
+    dress(ax, y_label="height [m]")
+    time, height, half = _time(trace), trace.qpos[:, 2], scene.torso_half_size[2]
+    ceiling = underside_above(scene, np.asarray(trace.qpos[:, :3]))
+    ax.fill_between(time, height - half, height + half, color=BLUE, alpha=0.15, linewidth=0, label="torso envelope")
+    ax.plot(time, height, color=BLUE, linewidth=1.5, label="trunk's centre")
+    ax.plot(time, trace.reference[:, 2], color=BLACK, linewidth=1.2, linestyle="--", label="reference")
+    top = 1.1 * float(np.nanmax([*(height + half), *ceiling]))
     if np.isfinite(ceiling).any():
-        axes.fill_between(time, ceiling, top, color=OBSTACLE, alpha=0.55, linewidth=0, label="obstacle above the trunk")
-        axes.plot(time, ceiling, color="#7A6A55", linewidth=1.2)
-    axes.set_ylim(0.0, top)
-    legend(axes, loc="lower right", ncols=2)
+        ax.fill_between(time, ceiling, top, color=OBSTACLE, alpha=0.55, linewidth=0, label="obstacle above the trunk")
+        ax.plot(time, ceiling, color=OBSTACLE_EDGE, linewidth=1.2)
+    ax.set_ylim(0.0, top)
+    legend(ax, "lower right", columns=2)
+    return ax
 
 
-def _draw_torques(axes: Axes, episode: Episode, limit: np.ndarray, time: np.ndarray) -> None:
+def draw_speed(ax: Axes, trace: Trace) -> Axes:
+    """Speed of the trunk in the plane and that of its reference over time. Returns `ax`."""
+    dress(ax, y_label="speed [m/s]")
+    time = _time(trace)
+    wanted = np.hypot(trace.reference[:, POSE_SIZE], trace.reference[:, POSE_SIZE + 1])
+    ax.plot(time, np.hypot(*trace.qvel[:, :2].T), color=BLUE, linewidth=1.3, label="trunk, in the plane")
+    ax.plot(time, wanted, color=BLACK, linewidth=1.2, linestyle="--", label="reference")
+    ax.set_ylim(bottom=0.0)
+    legend(ax, "lower center", columns=2)
+    return ax
+
+
+def draw_clearance(ax: Axes, trace: Trace) -> Axes:
+    """Distance of the torso's envelope to the nearest obstacle over time, its least value marked. Returns `ax`."""
+    dress(ax, y_label="clearance [m]")
+    time = _time(trace)
+    ax.axhspan(-1.0, 0.0, facecolor=RED, alpha=0.12)
+    ax.axhline(0.0, color=RED, linewidth=0.8)
+    ax.plot(time, trace.clearance, color=GREEN, linewidth=1.4)
+    finite = np.isfinite(trace.clearance)
+    if not finite.any():
+        ax.set_ylim(-0.03, 0.6)
+        return ax
+    row = int(np.argmin(np.where(finite, trace.clearance, np.inf)))
+    moment, least = float(time[row]), float(trace.clearance[row])
+    ax.set_ylim(min(-0.03, 1.2 * least), max(0.15, min(0.6, 1.1 * float(trace.clearance[finite].max()))))
+    ax.plot([moment], [least], "o", color=GREEN, markersize=4)
+    late = moment > 0.7 * time[-1]
+    ax.annotate(
+        f"least: {1e3 * least:.0f} mm",
+        (moment, least),
+        (-6 if late else 6, 8),
+        textcoords="offset points",
+        ha="right" if late else "left",
+        fontsize=8,
+    )
+    return ax
+
+
+def draw_torques(ax: Axes, trace: Trace, torque_limit: Float[np.ndarray, "12"]) -> Axes:
+    """Torques of the twelve joints over time, and their limits [N m]. Returns `ax`."""
+    dress(ax, y_label="torque [N m]")
+    time, limits = _time(trace), np.unique(np.abs(torque_limit))
     for joint, (name, color) in enumerate(zip(JOINTS, _JOINT_COLORS, strict=True)):
-        for leg in range(4):
-            label = name if leg == 0 else None
-            axes.plot(time, episode.torque[:, 3 * leg + joint], color=color, linewidth=0.6, alpha=0.75, label=label)
-    for number, value in enumerate(np.unique(np.abs(limit))):
-        for sign in (-1.0, 1.0):
-            label = "limit" if number == 0 and sign > 0 else None
-            axes.axhline(sign * value, color=GREY, linewidth=0.9, linestyle=":", label=label)
-    axes.set_ylim(-1.15 * np.abs(limit).max(), 1.5 * np.abs(limit).max())
-    legend(axes, loc="upper right", ncols=4)
+        lines = ax.plot(time, trace.torque[:, joint::3], color=color, linewidth=0.6, alpha=0.75)
+        lines[0].set_label(name)
+    for number, value in enumerate([*limits, *-limits]):
+        label = "limit" if number == 0 else None
+        ax.axhline(value, color=GREY, linewidth=0.9, linestyle=":", label=label)
+    ax.set_ylim(-1.15 * limits[-1], 1.5 * limits[-1])
+    legend(ax, "upper right", columns=4)
+    return ax
+
+
+def _time(trace: Trace) -> Float[np.ndarray, " K"]:
+    """Time since the first sample [s]."""
+    return np.asarray(trace.time - trace.time[0])

@@ -1,125 +1,133 @@
-"""Figures of the learner's own test: where the field errs, from where it arrives how late, and its worst paths."""
+"""Figures of the kinematic test: where the field errs, from where it arrives how late, and its worst paths."""
 
-import pathlib
-from typing import NamedTuple
+from typing import TypeAlias
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.colors import LogNorm, Normalize
+from matplotlib.figure import Figure
 
-from agile_jax.report.figures.scene_drawing import VIEW_AXES, View, draw_obstacles, draw_target
-from agile_jax.report.figures.style import BLACK, BLUE, ORANGE, PURPLE, RED, dress, legend, new_figure, save
+from agile_jax.report.figures.scene_drawing import AXIS_LABELS, VIEW_AXES, View, draw_obstacles, draw_target
+from agile_jax.report.figures.style import (
+    BLACK,
+    BLUE,
+    ORANGE,
+    PURPLE,
+    RED,
+    color_bar,
+    dress,
+    legend,
+    new_figure,
+)
+from agile_jax.report.reading import KinematicTest
 from agile_jax.scene import Scene
+from agile_jax.training.kinematic_test.follow import ARRIVED, OUTCOMES
 
-OUTCOMES = ("arrived", "collided", "stalled", "timeout")
 FAILED_LOOKS = {"collided": (RED, "X"), "stalled": (ORANGE, "v"), "timeout": (PURPLE, "s")}
-_VIEWS: tuple[View, View] = ("above", "side")
 CELLS = 60  # hexagons across an error map
+_VIEWS: tuple[View, View] = ("above", "side")
+_TAILS = (0.01, 0.99)  # quantiles between which colours tell values apart
+Range: TypeAlias = tuple[float, float]
 
 
-class ClosedLoop(NamedTuple):
-    """n loops of the held-out test (training/kinematic_test/held_out.py)."""
-
-    start: np.ndarray  # (n, 4) [m, rad]
-    outcome: np.ndarray  # (n,) index into OUTCOMES
-    ratio: np.ndarray  # (n,) arrival time over the expert's
-    min_clearance: np.ndarray  # (n,) [m]
-    worst: np.ndarray  # (k,) rows
-    worst_poses: np.ndarray  # (k, K + 1, 4) [m, rad]
-
-
-def read_closed_loop(path: pathlib.Path) -> ClosedLoop:
-    """The rows of a `closed_loop.npz`."""
-    with np.load(path, allow_pickle=False) as file:
-        ratio = file["arrival_time"] / file["expert_time"]
-        same = {name: file[name] for name in ("start", "outcome", "min_clearance", "worst", "worst_poses")}
-    return ClosedLoop(ratio=ratio, **same)
-
-
-def draw_arrivals(scene: Scene, loops: ClosedLoop, path: pathlib.Path) -> pathlib.Path:
-    """Starts in the plane, coloured by the arrival time over the expert's, failures marked; and its distribution."""
+def arrivals_figure(scene: Scene, test: KinematicTest) -> Figure:
+    """Starts by their arrival time over the expert's, failures marked; and the distribution of these times."""
     figure = new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2, width_ratios=[1.6, 1.0])
-    dress(left, "x [m]", "y [m]")
-    draw_obstacles(left, scene, "above", alpha=0.35)
-    shown = (loops.outcome == 0) & np.isfinite(loops.ratio)
-    order = np.flatnonzero(shown)[np.argsort(loops.ratio[shown])]  # the late ones on top
-    look = {"cmap": "viridis", "norm": Normalize(0.95, 1.1), "s": 6, "linewidths": 0, "zorder": 4}
-    points = left.scatter(loops.start[order, 0], loops.start[order, 1], c=loops.ratio[order], **look)
-    bar = figure.colorbar(points, ax=left, shrink=0.8, extend="both")
-    bar.set_label("arrival time over the expert's", fontsize=9)
-    bar.ax.tick_params(labelsize=8)
+    draw_arrivals(left, scene, test)
+    draw_arrival_times(right, test)
+    return figure
+
+
+def draw_arrivals(ax: Axes, scene: Scene, test: KinematicTest) -> Axes:
+    """Starts in the plane, coloured by the arrival time over the expert's, failures marked. Returns `ax`."""
+    dress(ax, "x [m]", "y [m]")
+    draw_obstacles(ax, scene, "above", alpha=0.35)
+    arrived = np.flatnonzero((test.outcome == ARRIVED) & np.isfinite(test.ratio))
+    rows = arrived[np.argsort(test.ratio[arrived])]  # the late ones on top
+    ratio, norm = test.ratio[rows], Normalize(*_spread(test.ratio[rows]))
+    x, y = test.start[rows, 0], test.start[rows, 1]
+    points = ax.scatter(x, y, c=ratio, cmap="viridis", norm=norm, s=6, linewidths=0, zorder=4)
+    color_bar(points, ax, "arrival time over the expert's", "both")
     for name, (color, marker) in FAILED_LOOKS.items():
-        failed = loops.start[loops.outcome == OUTCOMES.index(name)]
+        failed = test.start[test.outcome == OUTCOMES.index(name)]
         if len(failed):
             label = f"{name}: {len(failed)}"
-            left.scatter(failed[:, 0], failed[:, 1], s=40, c=color, marker=marker, zorder=5, label=label)
-    draw_target(left, scene, "above")
-    left.set_aspect("equal", adjustable="datalim")
-    legend(left, loc="upper right")
-    dress(right, "arrival time over the expert's", "fraction of the starts")
-    values = np.sort(loops.ratio[shown])
+            ax.scatter(failed[:, 0], failed[:, 1], s=40, c=color, marker=marker, zorder=5, label=label)
+    draw_target(ax, scene, "above")
+    ax.set_aspect("equal", adjustable="datalim")
+    legend(ax, "upper right")
+    return ax
+
+
+def draw_arrival_times(ax: Axes, test: KinematicTest) -> Axes:
+    """Cumulative distribution, over all starts, of the arrival time over the expert's. Returns `ax`."""
+    dress(ax, "arrival time over the expert's", "fraction of the starts")
+    values = np.sort(test.ratio[(test.outcome == ARRIVED) & np.isfinite(test.ratio)])
     if len(values):
-        right.plot(values, np.arange(1, len(values) + 1) / len(loops.outcome), color=BLUE, linewidth=1.6)
-        right.set_xlim(min(values[0], 0.95), max(np.quantile(values, 0.999), 1.05))
-    right.axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
-    right.set_ylim(0, 1.02)
-    return save(figure, path)
+        ax.plot(values, np.arange(1, len(values) + 1) / len(test.outcome), color=BLUE, linewidth=1.6)
+        low, high = min(1.0, values[0]), max(1.0, float(np.quantile(values, 0.999)))
+        room = 0.05 * max(high - low, 0.01)
+        ax.set_xlim(low - room, high + room)
+    ax.axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
+    ax.set_ylim(0, 1.02)
+    return ax
 
 
-def draw_worst_paths(scene: Scene, loops: ClosedLoop, path: pathlib.Path) -> pathlib.Path:
-    """Paths of the loops that failed, came nearest to an obstacle, or arrived latest, from above and from the side."""
+def worst_paths_figure(scene: Scene, test: KinematicTest) -> Figure:
+    """Paths of the runs that failed, came nearest to an obstacle or arrived latest, from above and from the side."""
     figure = new_figure(7.4, 6.4)
     panels = figure.subplots(2, 1, sharex=True, height_ratios=[1.7, 1.0])
-    for axes, view in zip(panels, _VIEWS, strict=True):
+    for ax, view in zip(panels, _VIEWS, strict=True):
+        _dress_view(ax, scene, view, alpha=0.35)
         across, up = VIEW_AXES[view]
-        dress(axes, "x [m]" if view == "side" else "", ("y [m]", "z [m]")[view == "side"])
-        draw_obstacles(axes, scene, view, alpha=0.35)
-        for row, poses in zip(loops.worst, loops.worst_poses, strict=True):
-            name = OUTCOMES[int(loops.outcome[row])]
-            color = FAILED_LOOKS[name][0] if name in FAILED_LOOKS else BLUE
-            axes.plot(poses[:, across], poses[:, up], color=color, linewidth=0.9, alpha=0.8, zorder=4)
-            axes.plot(poses[:1, across], poses[:1, up], "o", color=color, markersize=3, zorder=5)
-        draw_target(axes, scene, view)
+        for row, poses in zip(test.worst, test.worst_poses, strict=True):
+            color = FAILED_LOOKS.get(OUTCOMES[int(test.outcome[row])], (BLUE, ""))[0]
+            ax.plot(poses[:, across], poses[:, up], color=color, linewidth=0.9, alpha=0.8, zorder=4)
+            ax.plot(poses[:1, across], poses[:1, up], "o", color=color, markersize=3, zorder=5)
     panels[0].set_aspect("equal", adjustable="datalim")
-    return save(figure, path)
+    return figure
 
 
-def draw_error_map(scene: Scene, poses: np.ndarray, errors: np.ndarray, path: pathlib.Path) -> pathlib.Path:
+def error_map_figure(scene: Scene, poses: Float[np.ndarray, "m 4"], errors: Float[np.ndarray, " m"]) -> Figure:
     """The root mean square of the field's error on held-out labels, by place, from above and from the side.
 
     Args:
         scene: obstacles and target.
-        poses: shape (m, 4) [m, rad].
-        errors: mean square over the outputs, shape (m,) [(m/s)^2, (rad/s)^2].
-        path: of the PNG.
+        poses: of the labels [m, rad].
+        errors: mean square over the outputs [(m/s)^2, (rad/s)^2].
     """
     figure = new_figure(7.4, 6.4)
     panels = figure.subplots(2, 1, sharex=True, height_ratios=[1.7, 1.0])
-    cells = None
-    for axes, view in zip(panels, _VIEWS, strict=True):
-        cells = _error_cells(axes, scene, poses, errors, view)
+    low, high = _spread(np.sqrt(errors[errors > 0]))
+    for ax, view in zip(panels, _VIEWS, strict=True):
+        _dress_view(ax, scene, view, alpha=0.2)
+        across, up = VIEW_AXES[view]
+        cells = ax.hexbin(
+            poses[:, across],
+            poses[:, up],
+            C=errors,
+            reduce_C_function=lambda values: np.sqrt(np.mean(values)),
+            gridsize=CELLS if view == "above" else (CELLS, CELLS // 4),
+            norm=LogNorm(low, high),
+            cmap="magma",
+            linewidths=0.1,
+        )
     panels[0].set_aspect("equal", adjustable="datalim")
-    if cells is not None:
-        bar = figure.colorbar(cells, ax=list(panels), shrink=0.7)
-        bar.set_label("root mean square error [m/s, rad/s]", fontsize=9)
-        bar.ax.tick_params(labelsize=8)
-    return save(figure, path)
+    color_bar(cells, list(panels), "root mean square error [m/s, rad/s]", "both")
+    return figure
 
 
-def _error_cells(axes: Axes, scene: Scene, poses: np.ndarray, errors: np.ndarray, view: View) -> PolyCollection:
+def _dress_view(ax: Axes, scene: Scene, view: View, alpha: float) -> None:
+    """Obstacles, target and labels of the upper ("above") or the lower ("side") panel of two that share x."""
     across, up = VIEW_AXES[view]
-    dress(axes, "x [m]" if view == "side" else "", ("y [m]", "z [m]")[view == "side"])
-    draw_obstacles(axes, scene, view, alpha=0.2)
-    draw_target(axes, scene, view)
-    return axes.hexbin(
-        poses[:, across],
-        poses[:, up],
-        C=errors,
-        reduce_C_function=lambda values: np.sqrt(np.mean(values)),
-        gridsize=CELLS if view == "above" else (CELLS, CELLS // 4),
-        norm=LogNorm(1e-3, 0.3),
-        cmap="magma",
-        linewidths=0.1,
-    )
+    dress(ax, AXIS_LABELS[across] if view == "side" else "", AXIS_LABELS[up])
+    draw_obstacles(ax, scene, view, alpha)
+    draw_target(ax, scene, view)
+
+
+def _spread(values: Float[np.ndarray, " n"]) -> Range:
+    """The range that holds nearly all of some positive numbers; around 1 where there are none."""
+    low, high = np.quantile(values, _TAILS) if len(values) else (1.0, 1.0)
+    return (float(low), float(high)) if low < high else (0.9 * float(low), 1.1 * float(high))

@@ -1,12 +1,15 @@
-"""Planned paths seen from above, from the side and from the front; the paper's figure 2."""
+"""Paths seen from above, from the side and from the front; the paper's figure 2."""
 
-import pathlib
 from collections.abc import Mapping
-from typing import Any, Protocol
 
 import numpy as np
+from jaxtyping import Float
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.gridspec import SubplotSpec
+from matplotlib.lines import Line2D
 
+from agile_jax.report.figures.motions import Motion, by_label, timed_poses
 from agile_jax.report.figures.scene_drawing import (
     VIEW_AXES,
     View,
@@ -17,93 +20,105 @@ from agile_jax.report.figures.scene_drawing import (
     draw_torso,
     frame,
 )
-from agile_jax.report.figures.style import BLUE, GREEN, ORANGE, PURPLE, RED, dress, new_figure, save
+from agile_jax.report.figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, dress, legend, new_figure
 from agile_jax.scene import Scene
 
 PATH_COLORS = (GREEN, RED, BLUE, ORANGE, PURPLE)
 PATH_DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), "-.", ":")
-GHOSTS = 9  # torso envelopes drawn along a path
-_VIEWS: tuple[View, ...] = ("above", "side", "front")
+ENVELOPES = 9  # drawn along a path
+_SURROUNDINGS = 0.12  # [m] seen around all that is drawn
 
 
-class Path(Protocol):
-    """What is drawn of a trajectory; `expert.Trajectory` is one."""
-
-    @property
-    def times(self) -> np.ndarray:
-        """Shape (T+1,) [s]."""
-
-    @property
-    def states(self) -> np.ndarray:
-        """Shape (T+1, 8): pose and rates [m, rad, m/s, rad/s]."""
-
-
-def draw_plan(scene: Scene, trajectories: Mapping[str, Path], path: pathlib.Path, title: str = "") -> pathlib.Path:
-    """Draw paths from above, from the side and from the front, with the torso's envelope at equal intervals of time.
+def draw_plan(ax: Axes, scene: Scene, paths: Motion | Mapping[str, Motion], view: View = "above") -> Axes:
+    """Draw obstacles, target and paths in one view, with the torso's envelope at equal intervals of time.
 
     Args:
+        ax: is drawn on; `new_axes()` makes one.
         scene: obstacles and target.
-        trajectories: by label; the legend adds each one's duration. The first is green, the second red.
-        path: of the PNG.
-        title: over the figure.
+        paths: one, or several by label: an expert's trajectory, a recorded episode. The first is green, the second
+            red. The legend adds each one's duration.
+        view: from above (x, y), from the side (x, z) or from the front (y, z).
 
     Returns:
-        `path`.
+        `ax`.
     """
-    low, high = _extent(scene, trajectories)
+    paths = by_label(paths)
+    _draw_view(ax, scene, paths, view)
+    legend(ax)
+    return ax
+
+
+def _draw_view(ax: Axes, scene: Scene, paths: Mapping[str, Motion], view: View) -> None:
+    dress(ax)
+    if view != "above":
+        draw_floor(ax)
+    draw_obstacles(ax, scene, view)
+    for number, (label, motion) in enumerate(paths.items()):
+        _draw_path(ax, scene, label, motion, view, number)
+    draw_target(ax, scene, view)
+    frame(ax, *_extent(scene, paths), view)
+
+
+def plan_figure(scene: Scene, paths: Motion | Mapping[str, Motion], title: str = "") -> Figure:
+    """The three views of `draw_plan` at one scale, with a legend and a title."""
+    paths = by_label(paths)
+    low, high = _extent(scene, paths)
     size = high - low
     scale = 7.0 / (size[0] + size[1])  # [inch/m]
     width, height = scale * (size[0] + size[1]) + 1.4, scale * (size[1] + size[2]) + 1.7
     figure = new_figure(max(width, 6.0), max(height, 3.5))
     grid = figure.add_gridspec(2, 2, width_ratios=[size[0], size[1]], height_ratios=[size[1], size[2]])
-    cells = {"above": grid[0, 0], "side": grid[1, 0], "front": grid[1, 1]}
-    handles = []
-    for view in _VIEWS:
-        axes = dress(figure.add_subplot(cells[view]), title=f"from {'the ' if view != 'above' else ''}{view}")
-        if view != "above":
-            draw_floor(axes)
-        draw_obstacles(axes, scene, view)
-        handles = _draw_paths(axes, scene, trajectories, view)
-        draw_target(axes, scene, view)
-        frame(axes, low, high, view)
+    cells: dict[View, SubplotSpec] = {"above": grid[0, 0], "side": grid[1, 0], "front": grid[1, 1]}
+    for view, cell in cells.items():
+        ax = figure.add_subplot(cell)
+        _draw_view(ax, scene, paths, view)
+        ax.set_title(f"from {'' if view == 'above' else 'the '}{view}", fontsize=10, loc="left")
+    lines = [_line(number, label, motion) for number, (label, motion) in enumerate(paths.items())]
+    lines.append(Line2D([], [], linestyle="", marker="o", color="white", markeredgecolor=GREY, label="start"))
+    lines.append(Line2D([], [], linestyle="", marker="D", color=BLACK, markersize=5, label="target"))
     corner = figure.add_subplot(grid[0, 1])
     corner.axis("off")
-    corner.legend(handles=handles, loc="center", fontsize=8.5, frameon=False, handlelength=2.6, labelspacing=1.0)
+    corner.legend(handles=lines, loc="center", fontsize=8.5, frameon=False, handlelength=2.6, labelspacing=1.0)
     if title:
         figure.suptitle(title, fontsize=11)
-    return save(figure, path)
+    return figure
 
 
-def _draw_paths(axes: Axes, scene: Scene, trajectories: Mapping[str, Path], view: View) -> list[Any]:
-    """Draw every path in one view; returns the legend's handles."""
-    columns = VIEW_AXES[view]
-    handles = []
-    for number, (label, trajectory) in enumerate(trajectories.items()):
-        color, dash = PATH_COLORS[number % len(PATH_COLORS)], PATH_DASHES[number % len(PATH_DASHES)]
-        times, poses = np.asarray(trajectory.times), np.asarray(trajectory.states)[:, :4]
-        moments = np.linspace(times[0], times[-1], GHOSTS)
-        for pose in np.stack([np.interp(moments, times, column) for column in poses.T], -1):
-            draw_torso(axes, scene, pose, view, color, alpha=0.07)
-        text = f"{label}\n{times[-1] - times[0]:.2f} s"
-        handles += axes.plot(
-            poses[:, columns[0]], poses[:, columns[1]], color=color, linestyle=dash, linewidth=2.0, zorder=5, label=text
-        )
-        axes.plot(*poses[0, list(columns)], "o", color="white", markeredgecolor=color, markersize=6, zorder=5.5)
-    handles += axes.plot([], [], "o", color="white", markeredgecolor="#444444", markersize=6, label="start")
-    handles += axes.plot([], [], "D", color="#222222", markersize=5, label="target")
-    return handles
+def _line(number: int, label: str, motion: Motion, columns: tuple[int, int] = (0, 1)) -> Line2D:
+    """The line of path `number`; its label ends with the duration."""
+    times, poses = timed_poses(motion)
+    return Line2D(
+        poses[:, columns[0]],
+        poses[:, columns[1]],
+        color=PATH_COLORS[number % len(PATH_COLORS)],
+        linestyle=PATH_DASHES[number % len(PATH_DASHES)],
+        linewidth=2.0,
+        zorder=5,
+        label=f"{label}\n{times[-1] - times[0]:.2f} s".lstrip(),
+    )
 
 
-def _extent(scene: Scene, trajectories: Mapping[str, Path]) -> tuple[np.ndarray, np.ndarray]:
-    """The part of space (3,), (3,) [m] that holds paths, torso, obstacles and target."""
+def _draw_path(ax: Axes, scene: Scene, label: str, motion: Motion, view: View, number: int) -> None:
+    times, poses = timed_poses(motion)
+    line = _line(number, label, motion, VIEW_AXES[view])
+    color = PATH_COLORS[number % len(PATH_COLORS)]
+    moments = np.linspace(times[0], times[-1], ENVELOPES)
+    for pose in np.stack([np.interp(moments, times, column) for column in poses.T], -1):
+        draw_torso(ax, scene, pose, view, color, alpha=0.07)
+    ax.add_line(line)
+    ax.plot(*poses[0, list(VIEW_AXES[view])], "o", color="white", markeredgecolor=color, markersize=6, zorder=5.5)
+
+
+def _extent(scene: Scene, paths: Mapping[str, Motion]) -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Least and greatest coordinates [m] of what is drawn: paths, torso, obstacles and target."""
     reach = np.array([np.hypot(*scene.torso_half_size[:2])] * 2 + [scene.torso_half_size[2]])
-    points = [np.asarray(trajectory.states)[:, :3] for trajectory in trajectories.values()]
+    points = [timed_poses(motion)[1][:, :3] for motion in paths.values()]
     cloud = np.concatenate([*points, scene.target[None, :3]])
     low, high = cloud.min(0) - reach, cloud.max(0) + reach
     for center, half, yaw in zip(scene.obstacle_centers, scene.obstacle_half_sizes, scene.obstacle_yaws, strict=True):
         footprint = box_outline(center, half, float(yaw), "above")
         low = np.minimum(low, [*footprint.min(0), center[2] - half[2]])
         high = np.maximum(high, [*footprint.max(0), center[2] + half[2]])
-    low, high = low - 0.12, high + 0.12
-    low[2] = -0.06
+    low, high = low - _SURROUNDINGS, high + _SURROUNDINGS
+    low[2] = -0.06  # a strip of the floor
     return low, high

@@ -5,18 +5,20 @@ The colours are those of Okabe and Ito (Color Universal Design, 2008), with the 
 
 import io
 import pathlib
-from typing import Any
+from typing import Literal, TypeAlias
 
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.cm import ScalarMappable
 from matplotlib.figure import Figure
 
 from agile_jax.files import write_atomic
 
 BLUE, ORANGE, GREEN, RED = "#0072B2", "#E69F00", "#009E73", "#CC3311"
-PURPLE, SKY, BLACK, GREY = "#CC79A7", "#56B4E9", "#222222", "#8A8A8A"
-OBSTACLE = "#B9A48B"
+PURPLE, BLACK, GREY = "#CC79A7", "#222222", "#8A8A8A"
+OBSTACLE, OBSTACLE_EDGE = "#B9A48B", "#7A6A55"
 DOTS_PER_INCH = 150
+Ends: TypeAlias = Literal["neither", "both", "min", "max"]
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -26,28 +28,51 @@ def new_figure(width: float, height: float) -> Figure:
     return figure
 
 
-def dress(axes: Axes, x_label: str = "", y_label: str = "", title: str = "") -> Axes:
+def new_axes(width: float = 7.0, height: float = 4.0) -> Axes:
+    """The only axes of a new figure of `width` x `height` [inch]: `new_axes().figure`."""
+    return new_figure(width, height).add_subplot()
+
+
+def dress(ax: Axes, x_label: str = "", y_label: str = "", title: str = "") -> Axes:
     """Labels, a light grid and no box around the data."""
-    axes.set_xlabel(x_label, fontsize=9)
-    axes.set_ylabel(y_label, fontsize=9)
+    ax.set_xlabel(x_label, fontsize=9)
+    ax.set_ylabel(y_label, fontsize=9)
     if title:
-        axes.set_title(title, fontsize=10, loc="left")
-    axes.tick_params(which="both", labelsize=8, color=GREY)
-    axes.grid(True, color="#E6E6E6", linewidth=0.6)
-    axes.set_axisbelow(True)
+        ax.set_title(title, fontsize=10, loc="left")
+    ax.tick_params(which="both", labelsize=8, color=GREY)
+    ax.grid(True, color="#E6E6E6", linewidth=0.6)
+    ax.set_axisbelow(True)
     for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+        ax.spines[side].set_visible(False)
     for side in ("left", "bottom"):
-        axes.spines[side].set_color(GREY)
-    return axes
+        ax.spines[side].set_color(GREY)
+    return ax
 
 
-def legend(axes: Axes, **options: Any) -> None:
-    """A legend in the style of the figures."""
-    axes.legend(**{"fontsize": 8, "frameon": True, "framealpha": 0.85, "edgecolor": "none", **options})
+def legend(ax: Axes, location: str = "best", columns: int = 1, outside: bool = False, title: str | None = None) -> None:
+    """A legend in the style of the figures; `outside` puts it to the right of the axes."""
+    box = (1.01, 0.5) if outside else None
+    ax.legend(
+        loc="center left" if outside else location,
+        bbox_to_anchor=box,
+        ncols=columns,
+        title=title,
+        fontsize=8,
+        title_fontsize=8,
+        framealpha=0.85,
+        edgecolor="none",
+    )
 
 
-def save(figure: Figure, path: pathlib.Path) -> pathlib.Path:
+def color_bar(drawn: ScalarMappable, axes: Axes | list[Axes], label: str, extend: Ends = "neither") -> None:
+    """A colour bar beside `axes` that explains the colours of `drawn`; `extend` says which ends are cut off."""
+    first = axes[0] if isinstance(axes, list) else axes
+    bar = first.figure.colorbar(drawn, ax=axes, shrink=0.8, extend=extend)
+    bar.set_label(label, fontsize=9)
+    bar.ax.tick_params(labelsize=8)
+
+
+def save_figure(figure: Figure, path: pathlib.Path) -> pathlib.Path:
     """Write the figure as PNG, atomically, the same bytes for the same figure. Returns `path`."""
     buffer = io.BytesIO()
     figure.savefig(buffer, format="png", metadata={"Software": None})

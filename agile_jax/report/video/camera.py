@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.report.traces import below_obstacle
+from agile_jax.report.under_obstacles import underside_above
 from agile_jax.scene import Scene
 
 AZIMUTH = 90.0  # [deg] MuJoCo's convention: the camera looks along +y, x runs to the right
@@ -65,7 +65,7 @@ def snapshots(scene: Scene, time: np.ndarray, qpos: np.ndarray) -> Shot:
 
     The camera stands still beside the obstacle, so that the pictures can be compared.
     """
-    underneath = np.flatnonzero(np.isfinite(below_obstacle(scene, qpos[:, :3])))
+    underneath = np.flatnonzero(np.isfinite(underside_above(scene, qpos[:, :3])))
     if not len(underneath):
         rows = np.linspace(0, len(time) - 1, 4).astype(int)
         look_at = np.column_stack([qpos[rows, :2], np.full(4, LOOK_HEIGHT)])

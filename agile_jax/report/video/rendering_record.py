@@ -4,7 +4,7 @@ import pathlib
 from typing import Any
 
 from agile_jax.files import write_json
-from agile_jax.report.sections import read_json
+from agile_jax.report.reading import read_json
 from agile_jax.settings import BadInput
 
 _NAME = "figures/rendering.json"

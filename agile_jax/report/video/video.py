@@ -6,7 +6,7 @@ import pathlib
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import imageio_ffmpeg  # type: ignore[import-untyped]
 import mujoco
@@ -14,6 +14,7 @@ import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from agile_jax.files import temporary_name
+from agile_jax.report.figures.motions import Recorded
 from agile_jax.report.settings import ReportSettings
 from agile_jax.report.video.camera import Shot, film
 from agile_jax.report.video.drawing import drawn_frames
@@ -23,18 +24,6 @@ from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.settings import BadInput
 
 SIM_DT = 0.002  # [s] of the model that is drawn; nothing is simulated
-
-
-class Moving(Protocol):
-    """What is rendered: an episode's trace."""
-
-    @property
-    def time(self) -> np.ndarray:
-        """Shape (K,) [s]."""
-
-    @property
-    def qpos(self) -> np.ndarray:
-        """Shape (K, 19)."""
 
 
 class Rendered(NamedTuple):
@@ -47,7 +36,7 @@ class Rendered(NamedTuple):
 def render_video(
     scene: SceneSettings,
     robot: RobotSettings,
-    trace: Moving,
+    trace: Recorded,
     path: pathlib.Path,
     settings: ReportSettings | None = None,
 ) -> str | None:
@@ -55,7 +44,7 @@ def render_video(
 
     Args:
         scene, robot: what the physics ran with.
-        trace: time (K,) [s] and qpos (K, 19).
+        trace: a recorded episode.
         path: of the mp4.
         settings: size and rate of the pictures.
 
