@@ -11,16 +11,18 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from agile_jax import plugins
 from agile_jax.control import gait, torques
 from agile_jax.control.body import Body, Reference, measure
 from agile_jax.control.diagnostics import Diagnostics, after_act, after_plan, no_diagnostics
 from agile_jax.control.mpc.problem import Qp, mpc_constants, robot_qp
 from agile_jax.control.mpc.solver import cascade
 from agile_jax.control.scaling import scaled_to
-from agile_jax.control.settings import ControlSettings
+from agile_jax.control.settings import CONTROLLERS, ControlSettings
 from agile_jax.control.swing import feed_forward_share, folded_leg, foothold, forward_reach
 from agile_jax.geometry import quaternion_to_matrix, rotation_2d, wrap_angle
 from agile_jax.robot import GRAVITY, RobotModel, RobotState, composite_inertia, leg_forward_kinematics
+from agile_jax.settings import BadInput
 
 SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
 REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
@@ -64,6 +66,16 @@ class Controller(NamedTuple):
 
 
 def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
+    """The controller that `settings.kind` names: gait, MPC, footholds and torques, or a plugin's."""
+    if settings.kind in CONTROLLERS:
+        return make_mpc_controller(robot, settings)
+    made = plugins.find("controller", settings.kind)(robot, settings)
+    if not isinstance(made, Controller):
+        raise BadInput(f"the plugin's controller {settings.kind!r} is {type(made).__name__}, not a Controller")
+    return made
+
+
+def make_mpc_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
     """Compose gait, MPC, footholds and torques for a robot."""
     settings = scaled_to(robot, settings)
     constants = mpc_constants(settings.mpc)

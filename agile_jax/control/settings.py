@@ -2,11 +2,13 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
+from agile_jax.plugins import one_of
 from agile_jax.settings import Count, NonNegative, Positive, PositiveVector3, Settings
 
 NonNegativeVector3 = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
+CONTROLLERS = ("mpc",)
 
 
 class GaitSettings(Settings):
@@ -75,6 +77,8 @@ class MpcSettings(Settings):
 class ControlSettings(Settings):
     """Whole-body control: gait, footholds, swing, MPC, torques."""
 
+    kind: Annotated[str, AfterValidator(one_of("controller", *CONTROLLERS)), Field(examples=list(CONTROLLERS))] = "mpc"
+    """Which controller: "mpc", or one of a plugin (docs/extending.md)."""
     gait: GaitSettings = GaitSettings()
     """When each foot stands, and how it swings."""
     mpc: MpcSettings = MpcSettings()

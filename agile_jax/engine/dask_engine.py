@@ -15,6 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
 from typing import Any, NamedTuple
 
+from agile_jax import plugins
 from agile_jax.engine.tasks import TaskFailure, describe
 
 TRIES = 2  # at a task that exceeds the time limit
@@ -75,7 +76,9 @@ class DaskEngine:
             while waiting and len(flights) < (1 if alone else self.workers):
                 position, task = waiting.pop()
                 # pure=False: equal tasks are different tasks; the key must not depend on hashing the settings.
-                future = self._client.submit(function, task, pure=False)
+                shipped = plugins.ship(function, task)
+                what = (function, task) if shipped is None else (plugins.unpack, shipped)
+                future = self._client.submit(*what, pure=False)
                 flights[future.key] = Flight(position, task, future)
                 future.add_done_callback(lambda future: landed.put(future.key))
             with contextlib.suppress(queue.Empty):

@@ -6,11 +6,13 @@ beat, the least effort wins; where none attains it, the least T + w E. Ties fall
 
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
+from agile_jax import plugins
 from agile_jax.expert.feasible_poses import check_target
+from agile_jax.expert.own import FindPath, OwnExpert
 from agile_jax.expert.programs.certified import CertifiedSolver, Task, applies, make_certified_solver, solve_certified
 from agile_jax.expert.programs.retries import CERTIFIED, VIOLATION, Candidate, Ladder
 from agile_jax.expert.search.branches import branch_name, branch_rank
@@ -18,8 +20,8 @@ from agile_jax.expert.search.minimum_time import lower_bound
 from agile_jax.expert.search.profile import Profile, slowest_axis
 from agile_jax.expert.search.routes import Route, RouteSearch, waypoints
 from agile_jax.expert.search.turns import split_turns
-from agile_jax.expert.settings import ExpertSettings
-from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
+from agile_jax.expert.settings import EXPERTS, ExpertSettings
+from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory, failed_solution
 from agile_jax.expert.space.nearby_obstacles import along, first_met, first_obstacles, with_obstacles
 from agile_jax.expert.space.regions import (
     ROUNDING_ERRORS,
@@ -64,6 +66,9 @@ def make_expert(scene: Scene, settings: ExpertSettings) -> Expert:
     Raises:
         BadInput: the target keeps less than the margin.
     """
+    if settings.kind not in EXPERTS:
+        find_path = cast(FindPath, plugins.find("expert", settings.kind)(scene, settings))
+        return Expert(OwnExpert(scene, settings, find_path).solve)
     flat = settings.dimensions == "2d"
     check_target(planar_scene(scene) if flat else scene, settings)
     ladder = Ladder(scene.torso_half_size, settings)
@@ -240,17 +245,6 @@ def _solution(best: Candidate, bound: float, solved: list[tuple[str, float]]) ->
         routes=tuple(solved),
         solve_time_s=0.0,
     )
-
-
-def failed_solution(settings: ExpertSettings, bound: float, cause: str) -> ExpertSolution:
-    """A solution without trajectory, that says why."""
-    empty = Trajectory(
-        np.zeros(settings.nodes + 1),
-        np.zeros((settings.nodes + 1, 2 * POSE_SIZE)),
-        np.zeros((settings.nodes + (settings.transcription != "zoh"), POSE_SIZE)),
-    )
-    zeros = Residuals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return ExpertSolution(empty, 0.0, bound, 0.0, "", 0.0, "failed", cause, *zeros, "", (), 0.0)
 
 
 def _better(candidate: Candidate, rival: Candidate, grid: float = GRID) -> bool:

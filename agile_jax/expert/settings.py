@@ -3,10 +3,13 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from agile_jax.plugins import one_of
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import Count, NonNegative, Pose, PositivePose, Settings
+
+EXPERTS = ("minimum_time",)
 
 
 class ExpertSettings(Settings):
@@ -16,6 +19,8 @@ class ExpertSettings(Settings):
     and accelerations are of [x, y, z, yaw].
     """
 
+    kind: Annotated[str, AfterValidator(one_of("expert", *EXPERTS)), Field(examples=list(EXPERTS))] = "minimum_time"
+    """Which expert: "minimum_time", or one of a plugin (docs/extending.md)."""
     nodes: Annotated[int, Field(ge=10, le=2000)] = 100
     """Number of intervals of a trajectory."""
     velocity: PositivePose = (1.0, 0.5, 0.3, 1.0)

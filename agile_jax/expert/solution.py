@@ -4,6 +4,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.settings import ExpertSettings
+from agile_jax.scene import POSE_SIZE
+
 
 class Trajectory(NamedTuple):
     """A motion over T intervals of different lengths; the accelerations are constant over each or linear in it."""
@@ -45,3 +48,14 @@ class ExpertSolution(NamedTuple):
     method: str  # "certified" (certified.py), or the rung that solved it (ladder.py)
     routes: tuple[tuple[str, float], ...]  # (branch, objective) of every route that was solved
     solve_time_s: float
+
+
+def failed_solution(settings: ExpertSettings, bound: float, cause: str) -> ExpertSolution:
+    """A solution without trajectory, that says why."""
+    empty = Trajectory(
+        np.zeros(settings.nodes + 1),
+        np.zeros((settings.nodes + 1, 2 * POSE_SIZE)),
+        np.zeros((settings.nodes + (settings.transcription != "zoh"), POSE_SIZE)),
+    )
+    zeros = Residuals(0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    return ExpertSolution(empty, 0.0, bound, 0.0, "", 0.0, "failed", cause, *zeros, "", (), 0.0)

@@ -2,11 +2,13 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import AfterValidator, Field
 
+from agile_jax.plugins import one_of
 from agile_jax.settings import Count, Positive, Settings
 
 HiddenLayers = Annotated[tuple[Count, ...], Field(strict=False, min_length=1)]
+POLICIES = ("plain", "residual", "feedback")
 
 
 class PolicySettings(Settings):
@@ -17,9 +19,9 @@ class PolicySettings(Settings):
     residual field (field.py) and the feedback law, and changes nothing in the plain field.
     """
 
-    kind: Literal["plain", "residual", "feedback"] = "residual"
+    kind: Annotated[str, AfterValidator(one_of("policy", *POLICIES)), Field(examples=list(POLICIES))] = "residual"
     """plain: the paper's network. residual: a network on top of a braking law. feedback: accelerations from pose and
-    rates.
+    rates. Or one of a plugin (docs/extending.md).
     """
     hidden_layers: HiddenLayers = (128, 128, 128)
     """Widths of the network's hidden layers."""

@@ -2,14 +2,16 @@
 
 from agile_jax.scene.heading import facing, pose_error, turns_freely, yaw_between_bounds
 from agile_jax.scene.scene import POSE_NAMES, POSE_SIZE, Scene, clearance, make_scene, obstacle_clearances, planar_scene
-from agile_jax.scene.settings import BoxSettings, SceneSettings, StartSettings, TableSettings
+from agile_jax.scene.settings import Box, BoxSettings, ObstacleSettings, SceneSettings, StartSettings, TableSettings
 from agile_jax.scene.starts import Starts, sample_starts
 from agile_jax.scene.tolerance import arrival_time, within_tolerance
 
 __all__ = [
     "POSE_NAMES",
     "POSE_SIZE",
+    "Box",
     "BoxSettings",
+    "ObstacleSettings",
     "Scene",
     "SceneSettings",
     "StartSettings",

@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from agile_jax.geometry import Array, prism_distance, rectangle_distance
-from agile_jax.scene.settings import BoxSettings, SceneSettings, TableSettings
+from agile_jax.scene.settings import SceneSettings
 
 POSE_NAMES = ("x", "y", "z", "yaw")  # the planned pose s [m, m, m, rad]
 POSE_SIZE = len(POSE_NAMES)
@@ -31,7 +31,7 @@ class Scene(NamedTuple):
 
 def make_scene(settings: SceneSettings) -> Scene:
     """The scene that `settings` describe, in float64."""
-    boxes = [_boxes(obstacle) for obstacle in settings.obstacles]
+    boxes = [obstacle.boxes() for obstacle in settings.obstacles]
     yaws = [obstacle.yaw for obstacle, parts in zip(settings.obstacles, boxes, strict=True) for _ in parts]
     return Scene(
         obstacle_centers=np.array([center for parts in boxes for center, _ in parts], float).reshape(-1, 3),
@@ -43,23 +43,6 @@ def make_scene(settings: SceneSettings) -> Scene:
         lower=np.array(settings.lower),
         upper=np.array(settings.upper),
     )
-
-
-def _boxes(obstacle: TableSettings | BoxSettings) -> list[tuple[list[float], list[float]]]:
-    """Centres and half sizes of the boxes that an obstacle is made of, the outermost one first."""
-    if not isinstance(obstacle, TableSettings):
-        return [(list(obstacle.position), [size / 2 for size in obstacle.size])]
-    x, y = obstacle.position
-    low, high = obstacle.underside, obstacle.top
-    boxes = [([x, y, (low + high) / 2], [obstacle.size[0] / 2, obstacle.size[1] / 2, (high - low) / 2])]
-    if obstacle.leg_size is not None:
-        half = [obstacle.leg_size[0] / 2, obstacle.leg_size[1] / 2, low / 2]
-        reach = [obstacle.size[i] / 2 - obstacle.leg_inset - half[i] for i in (0, 1)]
-        cos, sin = np.cos(obstacle.yaw), np.sin(obstacle.yaw)
-        for along, across in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
-            dx, dy = along * reach[0], across * reach[1]
-            boxes.append(([x + cos * dx - sin * dy, y + sin * dx + cos * dy, low / 2], half))
-    return boxes
 
 
 def obstacle_clearances(scene: Scene, pose: Array, xp: Any = np) -> Array:

@@ -1,9 +1,11 @@
 """Settings of the scene: the target, the obstacles, the torso's envelope and where the robot starts."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
-from pydantic import Field, model_validator
+import numpy as np
+from pydantic import Field, SerializeAsAny, WrapValidator, model_validator
 
+from agile_jax.plugins import by_kind
 from agile_jax.settings import (
     NonNegative,
     NonNegativePose,
@@ -16,8 +18,35 @@ from agile_jax.settings import (
     Vector3,
 )
 
+OBSTACLES = ("table", "box")
 
-class TableSettings(Settings):
+
+class Box(NamedTuple):
+    """A part of an obstacle, turned by the obstacle's yaw about its own centre."""
+
+    center: tuple[float, float, float]
+    """In the world [m]."""
+    half_size: tuple[float, float, float]
+    """Along its own axes [m]."""
+
+
+class ObstacleSettings(Settings):
+    """Base of all kinds of obstacles: what an obstacle is made of."""
+
+    kind: str
+    """Which kind of obstacle: "table", "box", or one of a plugin (docs/extending.md)."""
+    yaw: float = 0.0
+    """Turn about the vertical [rad]."""
+
+    def boxes(self) -> list[Box]:
+        """The boxes that the obstacle is made of, all turned by `yaw`.
+
+        The first one's outline, seen from above, holds the others: a table's slab, then its legs.
+        """
+        raise NotImplementedError
+
+
+class TableSettings(ObstacleSettings):
     """A slab that blocks everything above `underside`, up to `top`. The robot may pass below, between the legs.
 
     The four legs stand in the corners, `leg_inset` within the edges. Without a size of legs there are none, as for the
@@ -34,12 +63,24 @@ class TableSettings(Settings):
     """Height of the slab's underside [m]."""
     top: Positive = 0.75
     """Height of the slab's top, above everything the robot reaches [m]."""
-    yaw: float = 0.0
-    """Turn about the vertical [rad]."""
     leg_size: PositiveVector2 | None = None
     """Full size of each leg along x and y [m]; without it the table has no legs."""
     leg_inset: NonNegative = 0.0
     """Distance from the table's edges to the legs [m]."""
+
+    def boxes(self) -> list[Box]:
+        """The slab, then its legs."""
+        (x, y), (length, width) = self.position, self.size
+        low, high = self.underside, self.top
+        found = [Box((x, y, (low + high) / 2), (length / 2, width / 2, (high - low) / 2))]
+        if self.leg_size is not None:
+            half = (self.leg_size[0] / 2, self.leg_size[1] / 2, low / 2)
+            reach = (length / 2 - self.leg_inset - half[0], width / 2 - self.leg_inset - half[1])
+            cos, sin = np.cos(self.yaw), np.sin(self.yaw)
+            for along, across in ((1, 1), (1, -1), (-1, 1), (-1, -1)):
+                dx, dy = along * reach[0], across * reach[1]
+                found.append(Box((x + cos * dx - sin * dy, y + sin * dx + cos * dy, low / 2), half))
+        return found
 
     @model_validator(mode="after")
     def _legs_fit(self) -> "TableSettings":
@@ -62,7 +103,7 @@ class TableSettings(Settings):
         return self
 
 
-class BoxSettings(Settings):
+class BoxSettings(ObstacleSettings):
     """A full box."""
 
     kind: Literal["box"]
@@ -71,11 +112,17 @@ class BoxSettings(Settings):
     """Centre [m]."""
     size: PositiveVector3
     """Full size along x, y and z [m]."""
-    yaw: float = 0.0
-    """Turn about the vertical [rad]."""
+
+    def boxes(self) -> list[Box]:
+        """The box itself."""
+        x, y, z = (size / 2 for size in self.size)
+        return [Box(self.position, (x, y, z))]
 
 
-ObstacleSettings = Annotated[TableSettings | BoxSettings, Field(discriminator="kind")]
+AnyObstacle = Annotated[
+    SerializeAsAny[Annotated[TableSettings | BoxSettings, Field(discriminator="kind")]],
+    WrapValidator(by_kind("obstacle", *OBSTACLES)),
+]
 
 
 class StartSettings(Settings):
@@ -108,7 +155,7 @@ class SceneSettings(Settings):
     """Upper bounds of the planned pose [m, rad]; where the bounds of yaw span a full turn, yaw is unbounded."""
     start: StartSettings = StartSettings()
     """Where the robot starts."""
-    obstacles: Annotated[tuple[ObstacleSettings, ...], Field(strict=False)] = ()
+    obstacles: Annotated[tuple[AnyObstacle, ...], Field(strict=False)] = ()
     """Tables and boxes."""
 
     @model_validator(mode="after")

@@ -15,6 +15,7 @@ docs/settings.md shows every setting's effect on every artefact; tests/store/tes
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 
+from agile_jax import plugins
 from agile_jax.files import hash_json
 
 Table = Mapping[str, object]
@@ -32,7 +33,7 @@ class Artefact:
         amount: settings below `reads` that say how much is wanted; a larger amount begins with the smaller one.
         fixed_unless: when an amount is part of the key after all: by amount, the values that other settings must have.
         inputs: artefacts that it is made from, by name; their digests are part of the key.
-        foreign: other things whose content is part of the key, by name, such as "robot".
+        foreign: other things whose content is part of the key, by name: "robot", and the kinds of plugins.
     """
 
     name: str
@@ -56,13 +57,13 @@ LABELS = Artefact(
         "dataset.start_seconds",
     ),
     amount=("dataset.trajectories",),
-    foreign=("expert",),
+    foreign=("expert", "obstacle"),
 )
 EXPERT_TIMES = Artefact(  # rest-to-rest solves; each start is a task with a digest of its own (store/parts.py)
     "expert-times",
     ("scene", "expert"),
     without_effect=("scene.start", "expert.initial_velocity"),
-    foreign=("expert",),
+    foreign=("expert", "obstacle"),
 )
 ANSWERS = replace(EXPERT_TIMES, name="answers")  # solves from visited poses, the initial velocity free
 EPOCHS = Artefact(
@@ -89,7 +90,7 @@ EPOCHS = Artefact(
         ("training.epochs", {"training.schedule": "constant", "training.warmup": 0.0, "aggregation.rounds": 0}),
     ),
     inputs=("labels",),
-    foreign=("policy",),
+    foreign=("policy", "obstacle"),
 )
 EPISODES = Artefact(
     "episodes",
@@ -97,13 +98,13 @@ EPISODES = Artefact(
     without_effect=("evaluation.batch", "evaluation.where", "evaluation.devices", "evaluation.threads"),
     amount=("evaluation.episodes", "evaluation.traced"),
     inputs=("epochs",),
-    foreign=("robot", "expert", "policy", "controller"),
+    foreign=("robot", "expert", "policy", "controller", "obstacle"),
 )
 FIGURES = Artefact(
     "figures",
     ("name", "scene", "expert", "policy", "robot.legs", "robot.joints", "report"),
     inputs=("labels", "epochs", "episodes"),
-    foreign=("robot",),
+    foreign=("robot", "expert", "policy", "obstacle"),
 )
 ARTEFACTS = {one.name: one for one in (LABELS, EXPERT_TIMES, ANSWERS, EPOCHS, EPISODES, FIGURES)}
 
@@ -143,12 +144,14 @@ def key(
         artefact: what is kept.
         settings: all of an experiment's settings, as nested tables.
         inputs: the digest of each artefact that it is made from.
-        foreign: digests of what else it depends on; what is the package's own (its expert, its controller) has none.
+        foreign: digests of what else it depends on; those of plugins that the settings name are found here.
 
     Raises:
         ValueError: an input is missing, or an input or foreign thing is unknown.
     """
-    given, strange = dict(inputs or {}), dict(foreign or {})
+    given = dict(inputs or {})
+    named = {kind: digest for kind, digest in plugins.digests(settings).items() if kind in artefact.foreign}
+    strange = named | dict(foreign or {})
     if given.keys() != set(artefact.inputs) or not strange.keys() <= set(artefact.foreign):
         raise ValueError(
             f"{artefact.name} has the inputs {list(artefact.inputs)} and may have the foreign "
