@@ -4,7 +4,7 @@ import jax.numpy as jnp
 import mujoco
 import numpy as np
 
-from agile_jax.geometry import wrap_angle
+from agile_jax.geometry import wrap_angle, yaw_to_quaternion
 from agile_jax.robot.constants import LEG_NAMES
 from agile_jax.robot.kinematics import leg_inverse_kinematics
 from agile_jax.robot.mjcf import robot_spec
@@ -19,7 +19,9 @@ TOUCH_FLOOR_PREFIX = "touch_floor_"
 TOUCH_FOOT_PREFIX = "touch_foot_"
 VISUAL_GROUP = 2
 IMAGE_SIZE = (1280, 720)  # largest picture that can be rendered off screen [pixels]
-_GLASS = [0.55, 0.38, 0.22, 0.22]
+BOARD = 0.03  # what is seen of a slab as its board [m]
+_GLASS = [0.55, 0.38, 0.22, 0.10]
+_UNSEEN = [0.0, 0.0, 0.0, 0.0]
 _WOOD = [0.55, 0.38, 0.22, 1.0]
 _TARGET = [0.15, 0.75, 0.30, 0.20]
 
@@ -27,10 +29,12 @@ _TARGET = [0.15, 0.75, 0.30, 0.20]
 def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> mujoco.MjModel:
     """Floor, obstacles, robot, light and cameras.
 
-    The obstacles' boxes are geoms `obstacle_0`, ...; the floor is `floor`; cameras are `side`, `front` and `track`
-    (follows the trunk). The robot collides with the floor and with obstacles, never with itself; automatic reset is
-    off. Contact sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that box) and
-    `touch_floor_<geom>` (trunk, hips, thighs). Others are the robot's feeling: `touch_foot_<leg>`, whatever it touches.
+    The obstacles' boxes are geoms `obstacle_0`, ...; the floor is `floor`; `target` shows the torso's envelope at the
+    target, which is no obstacle; cameras are `side`, `front` and `track` (follows the trunk). What is seen of the
+    obstacles is what collides. The robot collides with the floor and with obstacles, never with itself; automatic
+    reset is off. Contact sensors count what must not happen: `touch_obstacle_0`, ... (any part of the robot on that
+    box) and `touch_floor_<geom>` (trunk, hips, thighs). Others are the robot's feeling: `touch_foot_<leg>`, whatever
+    it touches.
 
     Args:
         scene: obstacles and target.
@@ -66,10 +70,6 @@ def standing_qpos(model: RobotModel, pose: Array) -> Array:
     half_yaw = wrap_angle(pose[3], jnp) / 2
     quat = jnp.stack([jnp.cos(half_yaw), jnp.zeros(()), jnp.zeros(()), jnp.sin(half_yaw)])
     return jnp.concatenate([pose[:3], quat, leg_inverse_kinematics(model, feet)])
-
-
-def _yaw_quat(yaw: float) -> list[float]:
-    return [np.cos(yaw / 2), 0.0, 0.0, np.sin(yaw / 2)]
 
 
 def _visual(spec: mujoco.MjSpec, kind: int, **attributes: object) -> None:
@@ -119,41 +119,38 @@ def _add_floor_and_light(spec: mujoco.MjSpec) -> None:
 
 
 def _add_obstacle(spec: mujoco.MjSpec, scene: Scene, index: int) -> None:
-    """The box that collides, seen through when it hangs over the floor: then it also gets a board to look at, and thin
-    legs when its obstacle has none of its own."""
-    center, half, yaw = scene.obstacle_centers[index], scene.obstacle_half_sizes[index], scene.obstacle_yaws[index]
-    box, quat = mujoco.mjtGeom.mjGEOM_BOX, _yaw_quat(yaw)
-    underside = center[2] - half[2]
-    hangs = underside > 0.02
+    """The box that collides, which is also what is seen; a slab over the floor is seen as a board and, fainter, the
+    rest of what it blocks above."""
+    center, half = scene.obstacle_centers[index], scene.obstacle_half_sizes[index]
+    quat = yaw_to_quaternion(scene.obstacle_yaws[index])
+    hangs = center[2] - half[2] > 0.02
     spec.worldbody.add_geom(
         name=f"{OBSTACLE_PREFIX}{index}",
-        type=box,
+        type=mujoco.mjtGeom.mjGEOM_BOX,
         pos=center,
         size=half,
         quat=quat,
-        rgba=_GLASS if hangs else _WOOD,
+        rgba=_UNSEEN if hangs else _WOOD,
         contype=OBSTACLE_BIT,
         conaffinity=0,
         condim=1,
     )
     if not hangs:
         return
-    thickness = min(0.015, half[2])
-    _visual(
-        spec,
-        box,
-        pos=[*center[:2], underside + thickness],
-        size=[*(half[:2] + 0.001), thickness],  # a hair wider, so that its faces do not flicker against the box's
-        quat=quat,
-        rgba=_WOOD,
-    )
-    if (scene.obstacle_numbers == scene.obstacle_numbers[index]).sum() > 1:
-        return
-    c, s = np.cos(yaw), np.sin(yaw)
-    for corner in ([1, 1], [1, -1], [-1, 1], [-1, -1]):
-        local = np.array(corner) * np.maximum(half[:2] - 0.012, 0.0)
-        place = center[:2] + np.array([[c, -s], [s, c]]) @ local
-        _visual(spec, box, pos=[*place, underside / 2], size=[0.01, 0.01, underside / 2], quat=quat, rgba=_WOOD)
+    board = min(BOARD / 2, half[2])
+    for color, height, middle in (
+        (_WOOD, board, center[2] - half[2] + board),
+        (_GLASS, half[2] - board, center[2] + board),
+    ):
+        if height > 0:
+            _visual(
+                spec,
+                mujoco.mjtGeom.mjGEOM_BOX,
+                pos=[*center[:2], middle],
+                size=[*half[:2], height],
+                quat=quat,
+                rgba=color,
+            )
 
 
 def _add_target(spec: mujoco.MjSpec, scene: Scene) -> None:
@@ -161,9 +158,10 @@ def _add_target(spec: mujoco.MjSpec, scene: Scene) -> None:
     _visual(
         spec,
         mujoco.mjtGeom.mjGEOM_BOX,
+        name="target",
         pos=[x, y, z],
         size=scene.torso_half_size,
-        quat=_yaw_quat(yaw),
+        quat=yaw_to_quaternion(yaw),
         rgba=_TARGET,
     )
 

@@ -34,10 +34,51 @@ def test_options():
     assert {MODEL.camera(index).name for index in range(MODEL.ncam)} == {"side", "front", "track"}
 
 
-def test_legs_collide_and_replace_those_that_are_only_looked_at():
+LEGGED = TABLE.model_copy(update={"leg_size": (0.06, 0.06), "leg_inset": 0.02})
+THIN = TABLE.model_copy(update={"underside": 0.3, "top": 0.32, "yaw": 0.0})  # no more than a board
+
+
+def inside(model, geoms: list[int], points: np.ndarray, margin: float) -> np.ndarray:
+    """Whether each point (n, 3) is in one of the boxes, enlarged by a margin [m]."""
+    local = [(points - model.geom_pos[geom]) @ matrix_of(model.geom_quat[geom]) for geom in geoms]
+    found = [(np.abs(at) <= model.geom_size[geom] + margin).all(-1) for geom, at in zip(geoms, local, strict=True)]
+    return np.any(found, axis=0)
+
+
+def matrix_of(quat: np.ndarray) -> np.ndarray:
+    matrix = np.zeros(9)
+    mujoco.mju_quat2Mat(matrix, quat)
+    return matrix.reshape(3, 3)
+
+
+@pytest.mark.parametrize("obstacle", [TABLE, LEGGED, THIN, BOX], ids=["table", "legs", "board", "box"])
+def test_what_is_seen_of_an_obstacle_is_what_collides(obstacle):
+    """To a millimetre, both ways: nothing is drawn that does not collide, and nothing collides unseen."""
+    model = build_mujoco_model(make_scene(SceneSettings(obstacles=(obstacle,))), RobotSettings(), 0.001)
+    still = [
+        g for g in range(model.ngeom) if model.geom_bodyid[g] == 0 and model.geom(g).name not in ("floor", "target")
+    ]
+    assert {int(model.geom_type[geom]) for geom in still} == {int(mujoco.mjtGeom.mjGEOM_BOX)}
+    solid = [geom for geom in still if model.geom_contype[geom]]
+    seen = [geom for geom in still if model.geom_rgba[geom, 3] > 0 and model.geom_group[geom] <= 2]
+    unit = np.stack(np.meshgrid(*[np.linspace(-1, 1, 9)] * 3), -1).reshape(-1, 3)
+    for mine, others in ((seen, solid), (solid, seen)):
+        for geom in mine:
+            points = model.geom_pos[geom] + (unit * model.geom_size[geom]) @ matrix_of(model.geom_quat[geom]).T
+            assert inside(model, others, points, 1e-3).all()
+
+
+def test_a_slab_is_seen_as_a_board_with_a_fainter_rest():
+    opacity = [float(MODEL.geom_rgba[geom, 3]) for geom in range(MODEL.ngeom) if MODEL.geom_bodyid[geom] == 0]
+    board, rest = opacity[2:4]  # after the floor and the box that collides
+    assert board == 1.0
+    assert 0.0 < rest < 0.3
+
+
+def test_a_tables_legs_collide_where_it_has_any():
     scene = make_scene(SceneSettings(obstacles=(TABLE.model_copy(update={"leg_size": (0.06, 0.06)}), BOX)))
     model = build_mujoco_model(scene, RobotSettings(), 0.001)
-    assert model.ngeom == MODEL.ngeom  # four boxes that collide instead of four that do not
+    assert model.ngeom == MODEL.ngeom + 4
     for index in range(6):
         geom = model.geom(f"obstacle_{index}")
         np.testing.assert_allclose(geom.pos, scene.obstacle_centers[index])
