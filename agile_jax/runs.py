@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
 
     from agile_jax.dataset import Dataset
+    from agile_jax.policy import Exported, TrainedPolicy
 
 COMMANDS = {"dataset": "expert", "training": "train", "evaluation": "evaluate", "report": "report"}  # that make a stage
 
@@ -83,6 +84,15 @@ class Run:
         return make_expert(self.scene, self.experiment.expert)
 
     @cached_property
+    def policy(self) -> "TrainedPolicy":
+        """The trained policy: `run.policy(pose)` is its velocity at a pose, `run.policy.batch(poses)` at many."""
+        from agile_jax.training import load_policy
+
+        self._need("training")
+        experiment = self.experiment
+        return load_policy(self.directory / "training", self.scene, experiment.expert.limits, experiment.policy)
+
+    @cached_property
     def dataset(self) -> "Dataset":
         """The verified trajectories."""
         from agile_jax.dataset import load
@@ -123,21 +133,15 @@ class Run:
         """A recorded episode of the evaluation, see `load_recording`."""
         return load_recording(self.experiment, pathlib.Path(file))
 
-    def export(self, folder: pathlib.Path | str | None = None) -> list[pathlib.Path]:
+    def export(self, folder: pathlib.Path | str | None = None) -> "Exported":
         """Write the trained policy for use elsewhere (docs/export.md), into `export` of the run when None.
 
         Returns:
-            The files.
+            The files, and why one is missing that others have.
         """
-        from agile_jax.policy import export_policy, make_policy
-        from agile_jax.training import load_parameters
+        from agile_jax.policy import export_policy
 
-        self._need("training")
-        limits = np.array(self.experiment.expert.velocity), np.array(self.experiment.expert.acceleration)
-        policy = make_policy(self.scene, *limits, self.experiment.policy)
-        parameters = load_parameters(self.directory / "training", policy)
-        target = pathlib.Path(folder or self.directory / "export")
-        return export_policy(policy, parameters, self.experiment.policy, self.scene, *limits, target)
+        return export_policy(self.policy, pathlib.Path(folder or self.directory / "export"))
 
     def _need(self, stage: str) -> None:
         """Refuse (BadInput) a stage that is not finished."""

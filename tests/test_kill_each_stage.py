@@ -18,7 +18,7 @@ import pytest
 from agile_jax.experiment import load_experiment
 from agile_jax.policy import make_policy
 from agile_jax.scene import make_scene
-from agile_jax.training import load_parameters
+from agile_jax.training.checkpoint import load_parameters
 
 SMOKE = pathlib.Path(__file__).parents[1] / "experiments" / "smoke.toml"
 OPTIONS = ["--dataset.shard-size", "4", "--training.checkpoint-every", "2", "--evaluation.batch", "2", "--workers", "2"]
@@ -91,8 +91,7 @@ def kill_when(moment: Callable[[pathlib.Path], bool], run_dir: pathlib.Path, arg
 def leaves(run_dir: pathlib.Path) -> dict[str, bytes]:
     """The trained parameters, as bytes by their path."""
     experiment = load_experiment(run_dir / "experiment.toml")
-    limits = np.array(experiment.expert.velocity), np.array(experiment.expert.acceleration)
-    policy = make_policy(make_scene(experiment.scene), *limits, experiment.policy)
+    policy = make_policy(make_scene(experiment.scene), experiment.expert.limits, experiment.policy)
     tree = load_parameters(run_dir / "training", policy)
     return {
         jax.tree_util.keystr(path): np.asarray(leaf).tobytes()

@@ -30,12 +30,14 @@ METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
 
 def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progress = silent) -> dict[str, Any]:
     """Measure, and return what goes into the JSON file: `metrics` by key and the method."""
-    from agile_jax.policy import make_policy, make_velocities
+    import jax
+
+    from agile_jax.policy import TrainedPolicy, make_policy
 
     scene, settings = make_scene(experiment.scene), experiment.expert
     expert = make_expert(scene, settings)
-    limits = np.array(settings.velocity), np.array(settings.acceleration)
-    velocities = make_velocities(make_policy(scene, *limits, experiment.policy))
+    policy = make_policy(scene, settings.limits, experiment.policy)
+    velocities = TrainedPolicy(policy, policy.init(jax.random.key(0))).batch
     poses = np.concatenate(
         [
             draw_start(scene, experiment.scene, settings, experiment.dataset, experiment.seed, i).poses

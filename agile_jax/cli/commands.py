@@ -165,8 +165,11 @@ def export(argv: list[str]) -> int:
     from agile_jax.runs import open_run
 
     run_dir, options = parse_run_dir("export", ExportOptions(), argv)
-    for path in open_run(run_dir).export(options.output):
+    exported = open_run(run_dir).export(options.output)
+    for path in exported.paths:
         print(path)
+    if exported.note:
+        print(exported.note)
     return DONE
 
 

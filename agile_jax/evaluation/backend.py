@@ -14,7 +14,7 @@ from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
 from agile_jax.geometry import wrap_angle
-from agile_jax.policy import Policy, PolicySettings, make_policy
+from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.policy.braking import braking_law
 from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene, planar_scene
@@ -33,7 +33,7 @@ from agile_jax.simulation import (
     path_command,
     policy_command,
 )
-from agile_jax.training import load_parameters
+from agile_jax.training import load_policy
 
 
 class Inputs(Protocol):
@@ -71,7 +71,8 @@ def command_parameters(inputs: Inputs, training_directory: pathlib.Path) -> Any:
     """The parameters of what the controller follows: those of the policy, from its checkpoints, or none."""
     if inputs.evaluation.planner != "policy":
         return ()
-    return load_parameters(training_directory, _policy(inputs, make_scene(inputs.scene)))
+    scene, limits = make_scene(inputs.scene), inputs.expert.limits
+    return load_policy(training_directory, scene, limits, inputs.policy).parameters
 
 
 def make_backend(inputs: Inputs, parameters: Any, slots: int, threads: int) -> Backend:
@@ -129,23 +130,18 @@ def check_devices(settings: EvaluationSettings) -> int:
     return settings.devices
 
 
-def _policy(inputs: Inputs, scene: Scene) -> Policy:
-    return make_policy(scene, np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration), inputs.policy)
-
-
 def _command(inputs: Inputs, scene: Scene) -> Command:
     """What the reference follows."""
     if inputs.evaluation.planner == "policy":
-        return policy_command(_policy(inputs, scene).command)
+        return policy_command(make_policy(scene, inputs.expert.limits, inputs.policy).command)
     if inputs.evaluation.planner != "straight":
         return path_command
-    limit, acceleration = np.array(inputs.expert.velocity), np.array(inputs.expert.acceleration)
-    rate = inputs.policy.approach_rate
+    limits, rate = inputs.expert.limits, inputs.policy.approach_rate
 
     def straight(_: Any, pose: jax.Array, velocity: jax.Array, dt: float) -> jax.Array:
         error = pose + velocity * dt - jnp.asarray(scene.target, jnp.float32)
         error = error.at[3].set(wrap_angle(error[3], jnp))
-        return braking_law(error, jnp.asarray(limit), jnp.asarray(acceleration), rate).velocity
+        return braking_law(error, limits, rate).velocity
 
     return policy_command(straight)
 

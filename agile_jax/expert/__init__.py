@@ -20,6 +20,7 @@ Importing this package loads neither CasADi nor JAX.
 
 from agile_jax.expert.expert import Expert, make_expert
 from agile_jax.expert.feasible_poses import check_start, check_target
+from agile_jax.expert.limits import MotionLimits
 from agile_jax.expert.planar_comparison import Comparison, compare_planners
 from agile_jax.expert.search.minimum_time import lower_bound, minimum_time
 from agile_jax.expert.settings import ExpertSettings
@@ -32,6 +33,7 @@ __all__ = [
     "Expert",
     "ExpertSettings",
     "ExpertSolution",
+    "MotionLimits",
     "Residuals",
     "Trajectory",
     "check_start",

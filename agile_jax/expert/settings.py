@@ -5,6 +5,7 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import AfterValidator, Field
 
+from agile_jax.expert.limits import MotionLimits
 from agile_jax.plugins import one_of
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import Count, NonNegative, Pose, PositivePose, Settings
@@ -49,6 +50,11 @@ class ExpertSettings(Settings):
     """
     max_routes: Count = 24
     """Largest number of routes that the general program solves for one start."""
+
+    @property
+    def limits(self) -> MotionLimits:
+        """The bounds of velocity and acceleration as arrays."""
+        return MotionLimits(np.array(self.velocity), np.array(self.acceleration))
 
 
 def check_scene(scene: SceneSettings, settings: ExpertSettings, targets: tuple[Pose, ...] = ()) -> None:

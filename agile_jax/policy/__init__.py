@@ -10,22 +10,29 @@ from agile_jax.policy.settings import PolicySettings
 
 if TYPE_CHECKING:
     from agile_jax.policy.braking import braking_law
-    from agile_jax.policy.export import export_policy
-    from agile_jax.policy.field import Encoding, Policy
+    from agile_jax.policy.export import Exported, export_policy
+    from agile_jax.policy.feedback import FeedbackLaw
+    from agile_jax.policy.field import Field, PlainField, ResidualField
     from agile_jax.policy.kinds import make_policy
     from agile_jax.policy.network import Normalization, PolicyParameters, parameter_count
-    from agile_jax.policy.query import make_velocities
+    from agile_jax.policy.policy import Encoding, Policy
+    from agile_jax.policy.query import TrainedPolicy
 
 __all__ = [
     "Encoding",
+    "Exported",
+    "FeedbackLaw",
+    "Field",
     "Normalization",
+    "PlainField",
     "Policy",
     "PolicyParameters",
     "PolicySettings",
+    "ResidualField",
+    "TrainedPolicy",
     "braking_law",
     "export_policy",
     "make_policy",
-    "make_velocities",
     "parameter_count",
 ]
 
@@ -33,10 +40,12 @@ __getattr__ = lazy_names(
     __name__,
     {
         "braking": "braking_law",
-        "export": "export_policy",
-        "field": "Encoding Policy",
+        "export": "Exported export_policy",
+        "feedback": "FeedbackLaw",
+        "field": "Field PlainField ResidualField",
         "kinds": "make_policy",
         "network": "Normalization PolicyParameters parameter_count",
-        "query": "make_velocities",
+        "policy": "Encoding Policy",
+        "query": "TrainedPolicy",
     },
 )

@@ -13,8 +13,11 @@ direction of the target, and every axis within its own bounds. It is continuous,
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from agile_jax.arrays import AnyArray
+from agile_jax.expert import MotionLimits
 
 TINY = 1e-9  # [m] or [rad], below which an error is zero
 
@@ -22,15 +25,18 @@ TINY = 1e-9  # [m] or [rad], below which an error is zero
 class Braking(NamedTuple):
     """The braking law at one pose."""
 
-    velocity: jax.Array  # (4,) [m/s, rad/s]
-    fraction: jax.Array  # () fastest axis over its bound, 0 at the target, 1 in full motion
-    time_to_go: jax.Array  # () rest-to-rest time of the slowest axis [s]
+    velocity: Float[Array, "4"]  # [m/s, rad/s]
+    fraction: Float[Array, ""]  # fastest axis over its bound, 0 at the target, 1 in full motion [-]
+    time_to_go: Float[Array, ""]  # rest-to-rest time of the slowest axis [s]
 
 
 def braking_rate(
-    distance: jax.Array, velocity_limit: jax.Array, acceleration_limit: jax.Array, approach_rate: float
-) -> jax.Array:
-    """b(e) / |e| for distances |e| >= 0, any shape [1/s]."""
+    distance: Float[Array, "*shape"],
+    velocity_limit: Float[AnyArray, "*shape"],
+    acceleration_limit: Float[AnyArray, "*shape"],
+    approach_rate: float,
+) -> Float[Array, "*shape"]:
+    """b(e) / |e| [1/s] for distances |e| >= 0 [m, rad] and the bounds of their rates; k = `approach_rate` [1/s]."""
     linear = acceleration_limit / approach_rate**2
     safe = jnp.maximum(distance, linear)
     root = jnp.sqrt(2.0 * acceleration_limit * (safe - linear / 2)) / safe
@@ -38,24 +44,27 @@ def braking_rate(
     return jnp.minimum(rate, velocity_limit / jnp.maximum(distance, TINY))
 
 
-def rest_to_rest_time(distance: jax.Array, velocity_limit: jax.Array, acceleration_limit: jax.Array) -> jax.Array:
-    """Minimum time of one axis over `distance` >= 0 between two rests, elementwise [s]."""
+def rest_to_rest_time(
+    distance: Float[Array, "*shape"],
+    velocity_limit: Float[AnyArray, "*shape"],
+    acceleration_limit: Float[AnyArray, "*shape"],
+) -> Float[Array, "*shape"]:
+    """Minimum time [s] of one axis over a distance >= 0 [m, rad] between two rests, elementwise."""
     reaches_limit = distance > velocity_limit**2 / acceleration_limit
     # Square root of a safe number: the derivative stays finite at the target.
     triangle = 2.0 * jnp.sqrt(jnp.maximum(distance, TINY) / acceleration_limit)
     return jnp.where(reaches_limit, distance / velocity_limit + velocity_limit / acceleration_limit, triangle)
 
 
-def braking_law(
-    error: jax.Array, velocity_limit: jax.Array, acceleration_limit: jax.Array, approach_rate: float
-) -> Braking:
+def braking_law(error: Float[Array, "4"], limits: MotionLimits, approach_rate: float) -> Braking:
     """The straight-line braking law towards zero error.
 
     Args:
-        error: pose minus target, shape (4,) [m, rad].
-        velocity_limit, acceleration_limit: shape (4,).
+        error: pose minus target [m, rad].
+        limits: bounds of velocity and acceleration.
         approach_rate: k [1/s].
     """
+    velocity_limit, acceleration_limit = (jnp.asarray(limit, error.dtype) for limit in limits)
     distance = jnp.abs(error)
     rate = braking_rate(distance, velocity_limit, acceleration_limit, approach_rate).min()
     return Braking(
@@ -63,3 +72,13 @@ def braking_law(
         fraction=(rate * distance / velocity_limit).max(),
         time_to_go=rest_to_rest_time(distance, velocity_limit, acceleration_limit).max(),
     )
+
+
+def network_gain(law: Braking, blend_time: float) -> Float[Array, ""]:
+    """How much of a network's output joins the law [-]: 0 at the target, 1 in full motion (field.py).
+
+    Args:
+        law: at the pose.
+        blend_time: time to go below which the network fades out [s].
+    """
+    return law.fraction * -jnp.expm1(-((law.time_to_go / blend_time) ** 2))

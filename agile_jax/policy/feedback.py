@@ -14,58 +14,57 @@ A tracker gets the velocity a tick later, v + clip(u, -A, A) dt, within the boun
 obstacles like the field's.
 """
 
-import jax
+from typing import ClassVar
+
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from agile_jax.policy.braking import braking_law
-from agile_jax.policy.features import features, natural_range
-from agile_jax.policy.field import Encoding, Policy, make_network
+from agile_jax.arrays import AnyArray
+from agile_jax.policy.braking import braking_law, network_gain
+from agile_jax.policy.features import features
 from agile_jax.policy.network import PolicyParameters
-from agile_jax.policy.settings import PolicySettings
-from agile_jax.policy.speed_filter import brake_before_bounds, brake_before_obstacles, within_limits
-from agile_jax.scene import POSE_SIZE, Scene, pose_error
+from agile_jax.policy.policy import Encoding, Learns, Policy, Seconds, bounded, in_precision_of
+from agile_jax.scene import POSE_SIZE, pose_error
+
+FROM_REST_SECONDS = 1.0  # of the acceleration from rest, in `velocity_from_rest`
 
 
-def make_feedback(
-    scene: Scene, velocity_limit: np.ndarray, acceleration_limit: np.ndarray, settings: PolicySettings
-) -> Policy:
-    """The feedback law; see `make_policy`.
+class FeedbackLaw(Policy):
+    """The acceleration of a state, a pose and its velocity."""
 
-    Its `velocity` is the one after a second of the acceleration from rest, within the bounds: where it sets off to.
-    """
-    limit = jnp.asarray(velocity_limit, jnp.float32)
-    acceleration = jnp.asarray(acceleration_limit, jnp.float32)
-    scene = Scene(*(np.asarray(array, np.float32) for array in scene))
-    wall_length = settings.wall_length if settings.wall_features else None
+    learns: ClassVar[Learns] = "acceleration"
 
-    def encode(state: jax.Array) -> Encoding:
-        state = jnp.asarray(state)
+    @property
+    def scale(self) -> Float[np.ndarray, "4"]:
+        """The bounds of the acceleration [m/s^2, rad/s^2]."""
+        return np.asarray(self.limits.acceleration)
+
+    def encode(self, inputs: Float[AnyArray, "8"]) -> Encoding:
+        """Error, walls and velocity, the braking spring and the network's gain of a state [m, rad, m/s, rad/s]."""
+        state = jnp.asarray(inputs)
         pose, velocity = state[:POSE_SIZE], state[POSE_SIZE:]
-        law = braking_law(pose_error(scene, pose, jnp), limit, acceleration, settings.approach_rate)
-        base = jnp.clip((law.velocity - velocity) / settings.blend_time, -acceleration, acceleration)
-        gain = law.fraction * -jnp.expm1(-((law.time_to_go / settings.blend_time) ** 2))
-        inputs = jnp.concatenate([features(scene, pose, wall_length), velocity / limit])
-        return Encoding(inputs, base, gain[None])
+        limits, blend_time = self.limits, self.settings.blend_time
+        law = braking_law(pose_error(self.scene, pose, jnp), limits, self.settings.approach_rate)
+        base = jnp.clip((law.velocity - velocity) / blend_time, -limits.acceleration, limits.acceleration)
+        found = jnp.concatenate([features(self.scene, pose, self.wall_length), velocity / limits.velocity])
+        return Encoding(found, base, network_gain(law, blend_time)[None])
 
-    inputs = jax.eval_shape(encode, jax.ShapeDtypeStruct((2 * POSE_SIZE,), jnp.float32)).features.shape[-1]
-    network = make_network(settings, natural_range(scene, inputs), np.asarray(acceleration_limit))
-
-    def law(parameters: PolicyParameters, encoding: Encoding) -> jax.Array:
-        output = 2.0 * jnp.tanh(network.output(parameters, encoding.features) / 2.0)
+    def output(self, parameters: PolicyParameters, encoding: Encoding) -> Float[Array, "4"]:
+        """The trained acceleration [m/s^2, rad/s^2], before its bounds."""
+        output = bounded(self.network_output(parameters, encoding.features))
         return encoding.base + encoding.gain * parameters.normalization.scale * output
 
-    def command(parameters: PolicyParameters, pose: jax.Array, velocity: jax.Array, dt: float) -> jax.Array:
-        wanted = law(parameters, encode(jnp.concatenate([pose, velocity])))
-        result = within_limits(velocity + jnp.clip(wanted, -acceleration, acceleration) * dt, limit)
-        if settings.field_filter:
-            ahead = pose + velocity * dt
-            result = brake_before_obstacles(scene, ahead, result, acceleration, settings.filter_margin)
-            result = brake_before_bounds(scene, ahead, within_limits(result, limit), acceleration)
-        return result
+    def command(
+        self, parameters: PolicyParameters, pose: Float[AnyArray, "4"], velocity: Float[AnyArray, "4"], dt: Seconds
+    ) -> Float[Array, "4"]:
+        """The velocity [m/s, rad/s] after `dt` [s] of the acceleration at a state, within limits and filter."""
+        pose, velocity = in_precision_of(parameters, pose), in_precision_of(parameters, velocity)
+        bound = self.limits.acceleration
+        wanted = self.output(parameters, self.encode(jnp.concatenate([pose, velocity])))
+        result = self.limited(velocity + jnp.clip(wanted, -bound, bound) * dt)
+        return self.filtered(pose + velocity * dt, result) if self.settings.field_filter else result
 
-    def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:
-        pose = jnp.asarray(pose)
-        return command(parameters, pose, jnp.zeros(POSE_SIZE), 1.0)
-
-    return Policy(network.init, velocity, command, "acceleration", encode, law, network.fit)
+    def velocity_from_rest(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
+        """The velocity [m/s, rad/s] after a second of the acceleration from rest at the pose [m, rad]."""
+        return self.command(parameters, pose, jnp.zeros(POSE_SIZE, jnp.float32), FROM_REST_SECONDS)

@@ -19,124 +19,78 @@ Both are then limited to the velocity bounds (direction kept); the residual fiel
 that can be braked before an obstacle.
 """
 
-from collections.abc import Callable
-from typing import Literal, NamedTuple
+import abc
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
-from agile_jax.policy.braking import braking_law
-from agile_jax.policy.features import features, natural_range
-from agile_jax.policy.network import MLP, Normalization, PolicyParameters, fit_normalization
-from agile_jax.policy.settings import PolicySettings
-from agile_jax.policy.speed_filter import brake_before_bounds, brake_before_obstacles, within_limits
-from agile_jax.scene import POSE_SIZE, Scene, pose_error
-
-
-class Encoding(NamedTuple):
-    """All of a pose that the field depends on; free of parameters, so that training computes it once."""
-
-    features: jax.Array  # (f,)
-    base: jax.Array  # (4,) [m/s, rad/s]
-    gain: jax.Array  # (1,)
+from agile_jax.arrays import AnyArray
+from agile_jax.policy.braking import braking_law, network_gain
+from agile_jax.policy.features import features
+from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Encoding, Policy, Seconds, bounded, in_precision_of
+from agile_jax.scene import POSE_SIZE, pose_error
 
 
-class Policy(NamedTuple):
-    """What drives a robot: a velocity field s -> s', or a feedback law (s, s') -> s''.
+class Field(Policy, abc.ABC):
+    """A velocity field s -> s'."""
 
-    One pose a call; vmap at the caller. All functions are pure. Trackers use `command` alone.
-    """
+    @abc.abstractmethod
+    def velocity(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
+        """The velocity [m/s, rad/s] at a pose [m, rad], within limits and filter."""
 
-    init: Callable[..., PolicyParameters]  # (key, initialisation="lecun_normal"), normalisation identity
-    velocity: Callable[[PolicyParameters, jax.Array], jax.Array]  # pose (4,) -> limited velocity (4,)
-    command: Callable[..., jax.Array]  # (parameters, pose, velocity, dt) -> wanted velocity a tick later (4,)
-    learns: Literal["velocity", "acceleration"]  # of a pose (4,); or of a state (8,), the pose and its velocity
-    encode: Callable[[jax.Array], Encoding]  # what it learns from, (4,) or (8,)
-    field: Callable[[PolicyParameters, Encoding], jax.Array]  # -> (4,) before any limit: what is trained
-    fit: Callable[[PolicyParameters, np.ndarray], PolicyParameters]  # sets the normalisation from features (m, f)
+    def velocity_from_rest(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
+        """The field's velocity [m/s, rad/s] at the pose [m, rad]."""
+        return self.velocity(parameters, pose)
 
-
-class Network(NamedTuple):
-    """The functions of a policy that do not depend on its kind."""
-
-    init: Callable[..., PolicyParameters]
-    fit: Callable[[PolicyParameters, np.ndarray], PolicyParameters]
-    output: Callable[[PolicyParameters, jax.Array], jax.Array]  # features (f,) -> (4,), not scaled
+    def command(
+        self, parameters: PolicyParameters, pose: Float[AnyArray, "4"], velocity: Float[AnyArray, "4"], dt: Seconds
+    ) -> Float[Array, "4"]:
+        """The field's velocity [m/s, rad/s] where the robot will be after `dt` [s]: it cannot change before."""
+        return self.velocity(parameters, pose + velocity * dt)
 
 
-def make_network(settings: PolicySettings, spans: np.ndarray, scale: np.ndarray) -> Network:
-    """The network of a policy.
+class PlainField(Field):
+    """The paper's field: the network alone."""
 
-    Args:
-        settings: its layers.
-        spans: half of what each input can span, shape (f,).
-        scale: of the outputs, shape (4,).
-    """
-    layers = (*settings.hidden_layers, POSE_SIZE)
-    network = MLP(layers, settings.activation)
+    def encode(self, inputs: Float[AnyArray, "4"]) -> Encoding:
+        """The pose itself [m, rad]."""
+        pose = jnp.asarray(inputs)
+        return Encoding(pose, jnp.zeros(POSE_SIZE, pose.dtype), jnp.ones(1, pose.dtype))
 
-    def init(key: jax.Array, initialisation: str = "lecun_normal") -> PolicyParameters:
-        module = MLP(layers, settings.activation, initialisation)
-        count = len(spans)
-        normalization = Normalization(jnp.zeros(count), jnp.ones(count), jnp.asarray(scale, jnp.float32))
-        return PolicyParameters(jax.jit(module.init)(key, jnp.zeros(count)), normalization)
-
-    def fit(parameters: PolicyParameters, inputs: np.ndarray) -> PolicyParameters:
-        if not settings.normalize_inputs:
-            return parameters
-        return parameters._replace(normalization=fit_normalization(inputs, spans, scale))
-
-    def output(parameters: PolicyParameters, inputs: jax.Array) -> jax.Array:
-        mean, std, _ = parameters.normalization
-        return network.apply(parameters.network, (inputs - mean) / std)
-
-    return Network(init, fit, output)
-
-
-def make_field(
-    scene: Scene, velocity_limit: np.ndarray, acceleration_limit: np.ndarray, settings: PolicySettings
-) -> Policy:
-    """The plain or the residual field.
-
-    Args:
-        scene: target and obstacles.
-        velocity_limit, acceleration_limit: bounds of the labels, shape (4,) [m/s, rad/s], [m/s^2, rad/s^2].
-        settings: kind, network and features.
-    """
-    limit = jnp.asarray(velocity_limit, jnp.float32)
-    acceleration = jnp.asarray(acceleration_limit, jnp.float32)
-    scene = Scene(*(np.asarray(array, np.float32) for array in scene))
-    residual = settings.kind == "residual"
-    scale = np.asarray(velocity_limit) if residual else np.ones(POSE_SIZE)
-    wall_length = settings.wall_length if settings.wall_features else None
-
-    def encode(pose: jax.Array) -> Encoding:
-        pose = jnp.asarray(pose)
-        if not residual:
-            return Encoding(pose, jnp.zeros(POSE_SIZE), jnp.ones(1))
-        law = braking_law(pose_error(scene, pose, jnp), limit, acceleration, settings.approach_rate)
-        gain = law.fraction * -jnp.expm1(-((law.time_to_go / settings.blend_time) ** 2))
-        return Encoding(features(scene, pose, wall_length), law.velocity, gain[None])
-
-    inputs = jax.eval_shape(encode, jax.ShapeDtypeStruct((POSE_SIZE,), jnp.float32)).features.shape[-1]
-    network = make_network(settings, natural_range(scene, inputs), scale)
-
-    def field(parameters: PolicyParameters, encoding: Encoding) -> jax.Array:
-        output = network.output(parameters, encoding.features)
-        if residual:
-            output = 2.0 * jnp.tanh(output / 2.0)
+    def output(self, parameters: PolicyParameters, encoding: Encoding) -> Float[Array, "4"]:
+        """The trained velocity [m/s, rad/s], before its limits."""
+        output = self.network_output(parameters, encoding.features)
         return encoding.base + encoding.gain * parameters.normalization.scale * output
 
-    def velocity(parameters: PolicyParameters, pose: jax.Array) -> jax.Array:
-        pose = jnp.asarray(pose)
-        result = within_limits(field(parameters, encode(pose)), limit)
-        if residual and settings.field_filter:
-            result = brake_before_obstacles(scene, pose, result, acceleration, settings.filter_margin)
-            result = brake_before_bounds(scene, pose, within_limits(result, limit), acceleration)
-        return result
+    def velocity(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
+        """The velocity [m/s, rad/s] at a pose [m, rad], within its bounds."""
+        return self.limited(self.output(parameters, self.encode(in_precision_of(parameters, pose))))
 
-    def command(parameters: PolicyParameters, pose: jax.Array, speed: jax.Array, dt: float) -> jax.Array:
-        return velocity(parameters, pose + speed * dt)  # a tick ahead: the velocity cannot change before
 
-    return Policy(network.init, velocity, command, "velocity", encode, field, network.fit)
+class ResidualField(Field):
+    """The braking law towards the target, and what the network adds to it."""
+
+    @property
+    def scale(self) -> Float[np.ndarray, "4"]:
+        """The velocity bounds [m/s, rad/s]."""
+        return np.asarray(self.limits.velocity)
+
+    def encode(self, inputs: Float[AnyArray, "4"]) -> Encoding:
+        """Error and walls, the braking law and the network's gain at a pose [m, rad]."""
+        pose = jnp.asarray(inputs)
+        law = braking_law(pose_error(self.scene, pose, jnp), self.limits, self.settings.approach_rate)
+        gain = network_gain(law, self.settings.blend_time)
+        return Encoding(features(self.scene, pose, self.wall_length), law.velocity, gain[None])
+
+    def output(self, parameters: PolicyParameters, encoding: Encoding) -> Float[Array, "4"]:
+        """The trained velocity [m/s, rad/s], before limits and filter."""
+        output = bounded(self.network_output(parameters, encoding.features))
+        return encoding.base + encoding.gain * parameters.normalization.scale * output
+
+    def velocity(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
+        """The velocity [m/s, rad/s] at a pose [m, rad], within limits and filter."""
+        pose = in_precision_of(parameters, pose)
+        result = self.limited(self.output(parameters, self.encode(pose)))
+        return self.filtered(pose, result) if self.settings.field_filter else result

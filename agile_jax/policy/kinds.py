@@ -3,28 +3,33 @@
 import numpy as np
 
 from agile_jax import plugins
-from agile_jax.policy.feedback import make_feedback
-from agile_jax.policy.field import Policy, make_field
-from agile_jax.policy.settings import POLICIES, PolicySettings
+from agile_jax.expert import MotionLimits
+from agile_jax.policy.feedback import FeedbackLaw
+from agile_jax.policy.field import PlainField, ResidualField
+from agile_jax.policy.policy import Policy
+from agile_jax.policy.settings import PolicySettings
+from agile_jax.policy.single_precision import float32_scene
 from agile_jax.scene import Scene
 from agile_jax.settings import BadInput
 
+KINDS: dict[str, type[Policy]] = {"plain": PlainField, "residual": ResidualField, "feedback": FeedbackLaw}
 
-def make_policy(
-    scene: Scene, velocity_limit: np.ndarray, acceleration_limit: np.ndarray, settings: PolicySettings
-) -> Policy:
-    """The policy that `settings` describe.
+
+def make_policy(scene: Scene, limits: MotionLimits, settings: PolicySettings) -> Policy:
+    """The policy that the settings describe.
 
     Args:
-        scene: target and obstacles.
-        velocity_limit, acceleration_limit: bounds of the labels, shape (4,) [m/s, rad/s], [m/s^2, rad/s^2].
+        scene: target, obstacles and bounds of the pose.
+        limits: of the labels' velocity and acceleration.
         settings: kind, network and features.
+
+    Raises:
+        BadInput: a plugin's policy is none.
     """
-    if settings.kind == "feedback":
-        return make_feedback(scene, velocity_limit, acceleration_limit, settings)
-    if settings.kind in POLICIES:
-        return make_field(scene, velocity_limit, acceleration_limit, settings)
-    made = plugins.find("policy", settings.kind)(scene, velocity_limit, acceleration_limit, settings)
+    scene, limits = float32_scene(scene), MotionLimits(*(np.asarray(array, np.float32) for array in limits))
+    if settings.kind in KINDS:
+        return KINDS[settings.kind](scene, limits, settings)
+    made = plugins.find("policy", settings.kind)(scene, limits, settings)
     if not isinstance(made, Policy):
         raise BadInput(f"the plugin's policy {settings.kind!r} is {type(made).__name__}, not a Policy")
     return made

@@ -7,14 +7,16 @@ complete, but are not trained.
 """
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
 import flax.linen as nn
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jax.typing import DTypeLike
+from jaxtyping import Array, Float, PRNGKeyArray, PyTree
 
-Initialisation = str  # "torch_uniform", or a key of KERNELS
+Initialisation = Literal["glorot_uniform", "he_normal", "lecun_normal", "torch_uniform"]
 
 ACTIVATIONS: dict[str, Callable[[jax.Array], jax.Array]] = {
     "tanh": jnp.tanh,
@@ -33,20 +35,22 @@ KERNELS: dict[str, Callable[..., jax.Array]] = {  # biases are 0
 class Normalization(NamedTuple):
     """Units of the network's inputs and outputs."""
 
-    mean: jax.Array  # (f,)
-    std: jax.Array  # (f,)
-    scale: jax.Array  # (outputs,) [m/s, rad/s]
+    mean: Float[Array, " f"]  # in the features' units, as the next
+    std: Float[Array, " f"]
+    scale: Float[Array, " outputs"]  # [m/s, rad/s], or [m/s^2, rad/s^2] of a feedback law
 
 
 class PolicyParameters(NamedTuple):
     """All that a trained policy consists of."""
 
-    network: Any  # Flax parameters
+    network: PyTree[Float[Array, "..."]]  # as Flax names it: {"params": {"Dense_0": {"kernel", "bias"}, ...}}
     normalization: Normalization
 
 
-def uniform_fan_in(key: jax.Array, shape: tuple[int, ...], fan_in: int, dtype: Any = jnp.float32) -> jax.Array:
-    """Uniform in +-1 / sqrt(fan_in)."""
+def uniform_fan_in(
+    key: PRNGKeyArray, shape: tuple[int, ...], fan_in: int, dtype: DTypeLike = jnp.float32
+) -> Float[Array, "..."]:
+    """Random numbers of the given shape, uniform in +-1 / sqrt(fan_in)."""
     bound = 1.0 / np.sqrt(fan_in)
     return jax.random.uniform(key, shape, dtype, -bound, bound)
 
@@ -59,8 +63,8 @@ class MLP(nn.Module):
     initialisation: Initialisation = "lecun_normal"
 
     @nn.compact
-    def __call__(self, x: jax.Array) -> jax.Array:
-        """Shape (..., inputs) to (..., layers[-1])."""
+    def __call__(self, x: Float[Array, "*batch inputs"]) -> Float[Array, "*batch outputs"]:
+        """Normalised features to outputs of no unit, layers[-1] many."""
         for i, width in enumerate(self.layers):
             if self.initialisation == "torch_uniform":
                 fan_in = x.shape[-1]
@@ -77,16 +81,18 @@ class MLP(nn.Module):
         return x
 
 
-def fit_normalization(features: np.ndarray, natural_range: np.ndarray, scale: np.ndarray) -> Normalization:
+def fit_normalization(
+    features: Float[np.ndarray, "m f"], natural_range: Float[np.ndarray, " f"], scale: Float[np.ndarray, " outputs"]
+) -> Normalization:
     """Mean and standard deviation of the inputs.
 
     An input that hardly varies (the yaw of the paper's data is constant) is divided by its natural range instead:
     divided by its own spread, it would explode as soon as it leaves the data.
 
     Args:
-        features: shape (m, f).
-        natural_range: half of what each input can span, shape (f,), in the input's units.
-        scale: of the outputs, shape (outputs,).
+        features: of m samples, in their units.
+        natural_range: half of what each feature can span, in its unit.
+        scale: unit of the outputs [m/s, rad/s], or [m/s^2, rad/s^2] of a feedback law.
     """
     mean, std = features.mean(0, dtype=np.float64), features.std(0, dtype=np.float64)
     std = np.where(std > 0.01 * natural_range, std, natural_range)
@@ -95,5 +101,5 @@ def fit_normalization(features: np.ndarray, natural_range: np.ndarray, scale: np
 
 
 def parameter_count(parameters: PolicyParameters) -> int:
-    """The trained numbers."""
+    """How many numbers are trained."""
     return sum(leaf.size for leaf in jax.tree.leaves(parameters.network))

@@ -7,9 +7,9 @@ positive where it does. These are closed forms, with their gradients, that say w
 
 from typing import NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from agile_jax.scene import POSE_NAMES, Scene
 
@@ -18,17 +18,17 @@ FACES = 6  # the first of the ten are the obstacle's, along its own +x, -x, +y, 
 
 
 class Planes(NamedTuple):
-    """Of one obstacle, ten each: the obstacle's faces, then the torso's sides along its own +x, -x, +y, -y."""
+    """Ten planes of one obstacle: its faces, then the torso's sides along its own +x, -x, +y, -y."""
 
-    distance: jax.Array  # signed, along the normal, between the torso's box and the obstacle's [m]
-    x: jax.Array  # the gradient of the distance in the pose [m/m, m/rad]
-    y: jax.Array
-    z: jax.Array
-    yaw: jax.Array
+    distance: Float[Array, "10"]  # signed, along the normal, between the torso's box and the obstacle's [m]
+    x: Float[Array, "10"]  # the gradient of the distance in the pose [m/m, m/rad], as the next three
+    y: Float[Array, "10"]
+    z: Float[Array, "10"]
+    yaw: Float[Array, "10"]
 
 
-def separating_planes(scene: Scene, pose: jax.Array, number: int) -> Planes:
-    """The planes of obstacle `number` at a pose (4,) [m, rad]."""
+def separating_planes(scene: Scene, pose: Float[Array, "4"], number: int) -> Planes:
+    """The planes of obstacle `number` at a pose [m, rad]."""
     center, half = scene.obstacle_centers[number], scene.obstacle_half_sizes[number]
     torso, turn = scene.torso_half_size, float(scene.obstacle_yaws[number])
     offset = pose[:3] - center
@@ -38,7 +38,7 @@ def separating_planes(scene: Scene, pose: jax.Array, number: int) -> Planes:
     rate_c, rate_s = -jnp.sign(c) * s, jnp.sign(s) * c  # of the sizes, in the yaw
     zero = jnp.zeros_like(c)
 
-    def pair(along: jax.Array, reach: jax.Array, normal: tuple, turning: jax.Array, reach_rate: jax.Array) -> list:
+    def pair(along: Array, reach: Array, normal: tuple, turning: Array, reach_rate: Array) -> list:
         """Both senses of one direction: distance and gradient."""
         x, y, z = normal
         return [(along - reach, x, y, z, turning - reach_rate), (-along - reach, -x, -y, -z, -turning - reach_rate)]

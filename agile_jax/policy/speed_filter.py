@@ -1,9 +1,10 @@
 """Limits of the field's output: the bounds on the velocity, and braking before obstacles."""
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
+from agile_jax.arrays import AnyArray
 from agile_jax.policy.separating_planes import FACES, YAW, separating_planes
 from agile_jax.scene import Scene, turns_freely, yaw_between_bounds
 
@@ -11,19 +12,23 @@ from agile_jax.scene import Scene, turns_freely, yaw_between_bounds
 EDGES = np.array([(f, g) for f in range(FACES) for g in range(FACES) if f // 2 != g // 2]).T
 
 
-def within_limits(velocity: jax.Array, velocity_limit: jax.Array) -> jax.Array:
-    """The velocity scaled so that every axis is within its bound; its direction is kept. Shape (4,)."""
+def within_limits(velocity: Float[Array, "4"], velocity_limit: Float[AnyArray, "4"]) -> Float[Array, "4"]:
+    """The velocity [m/s, rad/s] scaled so that every axis is within its bound; its direction is kept."""
     return velocity / jnp.maximum(jnp.abs(velocity / velocity_limit).max(-1, keepdims=True), 1.0)
 
 
 def brake_before_obstacles(
-    scene: Scene, pose: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array, margin: float
-) -> jax.Array:
+    scene: Scene,
+    pose: Float[Array, "4"],
+    velocity: Float[Array, "4"],
+    acceleration_limit: Float[AnyArray, "4"],
+    margin: float,
+) -> Float[Array, "4"]:
     """Take from the velocity what would bring the torso nearer to an obstacle than the margin.
 
     For one obstacle let d_f be the signed distances along the ten directions that can part it from the torso
-    (planes.py), J_f their gradients in the pose, and W = diag(A^2). The torso is clear while one d_f is positive, so a
-    velocity is safe when any of these holds:
+    (separating_planes.py), J_f their gradients in the pose, and W = diag(A^2). The torso is clear while one d_f is
+    positive, so a velocity is safe when any of these holds:
 
         plane f, d_f > 0:           -J_f . v <= sqrt(2 a_f (d_f - m)): it can be braked before the plane of f,
                                     a_f = sqrt(J_f W J_f) what the axes brake together
@@ -38,7 +43,9 @@ def brake_before_obstacles(
 
     Args:
         scene: of n boxes, taken one after the other.
-        pose, velocity, acceleration_limit: shape (4,).
+        pose: [m, rad].
+        velocity: wanted at it [m/s, rad/s].
+        acceleration_limit: A [m/s^2, rad/s^2].
         margin: m [m].
     """
     wx, wy, wz, _ = acceleration_limit**2
@@ -50,7 +57,7 @@ def brake_before_obstacles(
         x, y, z, yaw = (jnp.concatenate([part, room[on] * part[off] + beyond[off] * part[on]]) for part in planes[1:])
         square = wx * x**2 + wy * y**2 + wz * z**2
         allowed = jnp.sqrt(2.0 * jnp.sqrt(square[: len(distance)]) * room)
-        allowed = jnp.concatenate([allowed, jnp.zeros(len(on))])
+        allowed = jnp.concatenate([allowed, jnp.zeros(len(on), allowed.dtype)])
         sides = (jnp.arange(len(distance)) < FACES) | (distance[:FACES].max() < margin)
         holds = ((distance > 0.0) & sides) | (distance >= distance.max())
         holds = jnp.concatenate([holds, (room[on] > 0.0) & (beyond[off] > 0.0)])
@@ -64,11 +71,13 @@ def brake_before_obstacles(
     return velocity
 
 
-def brake_before_bounds(scene: Scene, pose: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array) -> jax.Array:
-    """Cut each axis's velocity to what can still be braked before the bounds of the pose. Shape (4,).
+def brake_before_bounds(
+    scene: Scene, pose: Float[Array, "4"], velocity: Float[Array, "4"], acceleration_limit: Float[AnyArray, "4"]
+) -> Float[Array, "4"]:
+    """Cut each axis's velocity [m/s, rad/s] to what can still be braked before the bounds of the pose [m, rad].
 
-    The bounds are walls as the obstacles are: below the lowest height a crouching leg has no room left. Bounds of yaw
-    that hold a full circle are none (scene/heading.py).
+    The bounds are walls as the obstacles are: below the lowest height a crouching leg has no room left. If the bounds
+    of yaw span a full turn, yaw is unbounded (scene/heading.py).
     """
     pose = pose.at[YAW].set(yaw_between_bounds(scene, pose[YAW], jnp))
     up = jnp.sqrt(2.0 * acceleration_limit * jnp.maximum(jnp.asarray(scene.upper) - pose, 0.0))

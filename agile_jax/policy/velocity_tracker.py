@@ -1,24 +1,28 @@
 """Follow a velocity field with bounded acceleration, without leaving its path."""
 
-import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
+
+from agile_jax.arrays import AnyArray
 
 
-def track(wanted: jax.Array, velocity: jax.Array, acceleration_limit: jax.Array, dt: float) -> jax.Array:
-    """The velocity after one step towards `wanted`, within the acceleration limits of every axis.
+def track(
+    wanted: Float[AnyArray, "4"],
+    velocity: Float[AnyArray, "4"],
+    acceleration_limit: Float[AnyArray, "4"],
+    dt: float | Float[AnyArray, ""],
+) -> Float[Array, "4"]:
+    """The velocity [m/s, rad/s] after one step towards `wanted`, within the acceleration limits of every axis.
 
     The field's direction is its path around obstacles. So while some axis cannot reach its part of `wanted` yet (from
     rest, none can), the whole of `wanted` is scaled down, as far as the slowest axis needs, rather than bent; each axis
     then changes towards its scaled part as fast as it may.
 
     Args:
-        wanted: velocity of the field, shape (4,) [m/s, rad/s].
-        velocity: current, shape (4,).
-        acceleration_limit: per axis, shape (4,) [m/s^2, rad/s^2].
-        dt: [s].
-
-    Returns:
-        Shape (4,).
+        wanted: the policy's velocity [m/s, rad/s].
+        velocity: the current one [m/s, rad/s].
+        acceleration_limit: of every axis [m/s^2, rad/s^2].
+        dt: length of the step [s].
     """
     reach = acceleration_limit * dt
     # The largest scale with scale * wanted within reach ahead of the current velocity, in the direction of `wanted`.

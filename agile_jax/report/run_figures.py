@@ -111,25 +111,23 @@ def velocity_field(run_dir: pathlib.Path, experiment: Experiment) -> str:
     directory = run_dir / "training"
     if not (directory / "checkpoints").is_dir():
         return ""
-    from agile_jax.policy import make_policy, make_velocities  # they load JAX
-    from agile_jax.training import load_parameters
+    from agile_jax.training import load_policy  # loads JAX
 
-    scene, limits = make_scene(experiment.scene), experiment.expert
-    policy = make_policy(scene, np.array(limits.velocity), np.array(limits.acceleration), experiment.policy)
-    velocities = make_velocities(policy, load_parameters(directory, policy))
+    scene = make_scene(experiment.scene)
+    policy = load_policy(directory, scene, experiment.expert.limits, experiment.policy)
     heights = {f"at the target's height, {scene.target[2]:.2f} m": float(scene.target[2])}
     crawl = crawl_height(scene, planning_margin(experiment.expert))
     if crawl is not None:
         heights[f"at the height of crawling, {crawl:.2f} m"] = crawl
-    figure = velocity_field_figure(scene, velocities, heights)
-    what = "acceleration from rest" if policy.learns == "acceleration" else "velocity field"
+    figure = velocity_field_figure(scene, policy.batch, heights)
+    what = "acceleration from rest" if policy.policy.learns == "acceleration" else "velocity field"
     above = page.picture(
         save_figure(figure, run_dir / "figures" / "velocity_field.png"),
         f"The learned {what} from above, at the target's yaw. Nothing is drawn where the torso would touch the "
         "obstacle.",
     )
     figure = new_figure(7.4, 2.9)
-    draw_velocity_field_side(figure.add_subplot(), scene, velocities)
+    draw_velocity_field_side(figure.add_subplot(), scene, policy.batch)
     return above + page.picture(
         save_figure(figure, run_dir / "figures" / "velocity_field_side.png"),
         "The same from the side, in the plane of the target: how it ducks, and rises again.",

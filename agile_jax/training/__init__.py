@@ -9,7 +9,7 @@ from agile_jax.lazy import lazy_names
 from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
 
 if TYPE_CHECKING:
-    from agile_jax.training.checkpoint import load_parameters
+    from agile_jax.training.checkpoint import load_policy
     from agile_jax.training.fit import Fitted, fit_policy
     from agile_jax.training.kinematic_test.follow import OUTCOMES, Followed, Follower, follow, make_follower
     from agile_jax.training.noise_floor import GammaTest, gamma_test
@@ -27,7 +27,7 @@ __all__ = [
     "fit_policy",
     "follow",
     "gamma_test",
-    "load_parameters",
+    "load_policy",
     "make_follower",
     "train",
 ]
@@ -35,7 +35,7 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "checkpoint": "load_parameters",
+        "checkpoint": "load_policy",
         "kinematic_test.follow": "OUTCOMES Followed Follower follow make_follower",
         "noise_floor": "GammaTest gamma_test",
         "stage": "train",

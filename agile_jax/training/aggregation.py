@@ -20,8 +20,8 @@ import numpy as np
 
 from agile_jax.dataset import Answers, unseen_starts
 from agile_jax.expert import ExpertSettings, planning_margin
-from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Policy
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, clearance, make_scene
 from agile_jax.training.epochs import SI

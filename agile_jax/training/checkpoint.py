@@ -19,9 +19,10 @@ import jax
 import orbax.checkpoint as ocp
 from jax.experimental import multihost_utils
 
+from agile_jax.expert import MotionLimits
 from agile_jax.files import hash_json, sha256, sync_folder, write_json
-from agile_jax.policy.field import Policy
-from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy import Policy, PolicyParameters, PolicySettings, TrainedPolicy, make_policy
+from agile_jax.scene import Scene
 from agile_jax.settings import BadInput
 
 INTEGRITY = "integrity.json"
@@ -123,12 +124,22 @@ def restore_checkpoint(
     return None
 
 
-def load_parameters(directory: pathlib.Path, policy: Policy) -> PolicyParameters:
-    """The parameters of the last sound checkpoint in a training directory.
+def load_policy(directory: pathlib.Path, scene: Scene, limits: MotionLimits, settings: PolicySettings) -> TrainedPolicy:
+    """The policy of a training directory.
+
+    Args:
+        directory: of the training stage, in a run directory.
+        scene, limits, settings: with which it was trained.
 
     Raises:
-        BadInput: there is none, or it holds another network than `policy`.
+        BadInput: there is no sound checkpoint, or it holds another network.
     """
+    policy = make_policy(scene, limits, settings)
+    return TrainedPolicy(policy, load_parameters(directory, policy))
+
+
+def load_parameters(directory: pathlib.Path, policy: Policy) -> PolicyParameters:
+    """The parameters of a policy in a training directory; see `load_policy`."""
     expected = jax.eval_shape(policy.init, jax.random.key(0))
     checkpoint = restore_checkpoint(directory / "checkpoints", expected)
     if checkpoint is None:

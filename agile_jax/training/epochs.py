@@ -20,8 +20,8 @@ import numpy as np
 import optax
 from jax.sharding import NamedSharding, PartitionSpec
 
-from agile_jax.policy.field import Encoding, Policy
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Encoding, Policy
 from agile_jax.settings import BadInput
 from agile_jax.training.optimizer import make_optimizer
 from agile_jax.training.precision import Precision, products
@@ -78,7 +78,7 @@ def encode_samples(policy: Policy, poses: np.ndarray, velocities: np.ndarray) ->
 
 def squared_errors(policy: Policy, parameters: PolicyParameters, samples: Samples) -> jax.Array:
     """Squared errors of each sample and output, shape (m, 4) [(m/s)^2, (rad/s)^2]."""
-    return (jax.vmap(policy.field, (None, 0))(parameters, samples.encoding) - samples.velocities) ** 2
+    return (jax.vmap(policy.output, (None, 0))(parameters, samples.encoding) - samples.velocities) ** 2
 
 
 def mean_squared_error(

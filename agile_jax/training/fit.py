@@ -15,8 +15,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Policy
 from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
 from agile_jax.training.checkpoint import Checkpoint, restore_checkpoint, save_checkpoint
@@ -179,7 +179,7 @@ def _prepare(
         init_key, order_key = jax.random.split(jax.random.key(number))
         parameters = initial
         if parameters is None:
-            parameters = policy.fit(policy.init(init_key, settings.initialisation), features)
+            parameters = policy.normalise(policy.init(init_key, settings.initialisation), features)
             scale = parameters.normalization.scale * jnp.asarray(unit, jnp.float32)
             parameters = parameters._replace(normalization=parameters.normalization._replace(scale=scale))
         states.append(TrainState(parameters, optimizer.init(parameters.network), jnp.int32(0)))

@@ -15,9 +15,9 @@ from agile_jax.dataset import Dataset, DatasetSettings, Split, ask, labels_to, s
 from agile_jax.engine import Engine, open_engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_atomic, write_json
-from agile_jax.policy.field import Policy
 from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.network import PolicyParameters, parameter_count
+from agile_jax.policy.policy import Policy
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
@@ -78,14 +78,13 @@ def train(
     engine = engine or partial(open_engine, "inline")
     scene = make_scene(scene_settings)
     dataset = labels_to(dataset, scene.target)
-    velocity_limit, acceleration_limit = np.array(expert_settings.velocity), np.array(expert_settings.acceleration)
-    policy = make_policy(scene, velocity_limit, acceleration_limit, policy_settings)
+    policy = make_policy(scene, expert_settings.limits, policy_settings)
     training, validation = (
         policy_samples(policy, dataset, split, dataset_settings) for split in ("train", "validation")
     )
     test = policy_samples(policy, dataset, "test", dataset_settings.model_copy(update={"label_kind": "velocity"}))
     check_labels(test, "test")
-    units = make_units(dataset, dataset_settings, policy_settings, training_settings, velocity_limit)
+    units = make_units(dataset, dataset_settings, policy_settings, training_settings, expert_settings.limits.velocity)
     training, validation = ((poses, targets / units.interval) for poses, targets in (training, validation))
     identity = {
         "dataset_hash": dataset.dataset_hash,
@@ -156,7 +155,7 @@ def train(
 def save_test_errors(policy: Policy, parameters: PolicyParameters, test: Labels, path: pathlib.Path) -> None:
     """Write poses (m, 4) and mean squared errors (m,) of at most SHOWN_ERRORS samples, spread evenly."""
     inputs, wanted = (array[:: -(-len(test[0]) // SHOWN_ERRORS)] for array in test)
-    found = jax.jit(jax.vmap(lambda given: policy.field(parameters, policy.encode(given))))(
+    found = jax.jit(jax.vmap(lambda given: policy.output(parameters, policy.encode(given))))(
         jnp.asarray(inputs, jnp.float32)
     )
     buffer = io.BytesIO()
@@ -206,7 +205,7 @@ def dataset_noise_floor(
     inputs, wanted = inputs[:, first:count], wanted[:, first:count]
     held_out = ~split_mask(dataset, "train", settings)
     designed = jax.vmap(jax.vmap(lambda given: policy.encode(given).base))
-    trained = jax.vmap(jax.vmap(lambda given: policy.field(parameters, policy.encode(given))))
+    trained = jax.vmap(jax.vmap(lambda given: policy.output(parameters, policy.encode(given))))
     found = []
     for chosen, known in ((np.ones(len(held_out), bool), designed), (held_out, trained)):
         if chosen.sum() >= 3:

@@ -18,8 +18,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.dataset import Dataset, DatasetSettings, labels, samples, split_mask
-from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Policy
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.scene import POSE_SIZE
 from agile_jax.settings import BadInput
@@ -84,7 +84,7 @@ def errors_in_own_units(
     """Test error and noise floor of what the network learns, in its outputs' units. For a field without a base."""
     poses, targets = samples(dataset, "test", settings)
     held_out = ~split_mask(dataset, "train", settings)
-    field = jax.jit(jax.vmap(jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose)))))
+    field = jax.jit(jax.vmap(jax.vmap(lambda pose: policy.output(parameters, policy.encode(pose)))))
     everywhere, wanted = dataset.states[..., :POSE_SIZE], labels(dataset, settings) / units.interval
     keep = slice(None)
     if settings.samples == "without_start":  # trajectories must keep one length: those samples of the shortest rest

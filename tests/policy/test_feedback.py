@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 from test_stage import EXPERT, SCENE, SETTINGS, straight_lines
 
 from agile_jax.dataset import DatasetSettings, split_mask
@@ -19,7 +19,7 @@ DT = 0.02
 
 
 def law(scene, size):
-    policy = make_policy(scene, VELOCITY, ACCELERATION, FEEDBACK)
+    policy = make_policy(scene, LIMITS, FEEDBACK)
     parameters = policy.init(jax.random.key(0))
     return policy, parameters._replace(network=jax.tree.map(lambda leaf: size * leaf, parameters.network))
 

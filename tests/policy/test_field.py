@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 
 from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.policy import PolicySettings, braking_law, make_policy, parameter_count
@@ -29,17 +29,14 @@ def wild(policy, seed=0, size=5.0):
 
 
 def test_paper_network_has_the_papers_number_of_parameters():
-    policy = make_policy(
-        empty_scene(), VELOCITY, ACCELERATION, PolicySettings(kind="plain", hidden_layers=PAPER_LAYERS)
-    )
+    policy = make_policy(empty_scene(), LIMITS, PolicySettings(kind="plain", hidden_layers=PAPER_LAYERS))
     assert parameter_count(jax.eval_shape(policy.init, jax.random.key(0))) == 3_676_676
 
 
 def test_braking_law_stops_each_axis_within_its_bounds_along_a_straight_line():
     rng = np.random.default_rng(0)
     error = rng.normal(size=(200, 4)) * [1.0, 0.5, 0.05, 0.5]
-    limits = jnp.asarray(VELOCITY), jnp.asarray(ACCELERATION)
-    law = jax.vmap(lambda e: braking_law(e, *limits, 8.0))(jnp.asarray(error))
+    law = jax.vmap(lambda e: braking_law(e, LIMITS, 8.0))(jnp.asarray(error))
     velocity = np.asarray(law.velocity)
     cosine = -(velocity * error).sum(-1) / np.linalg.norm(velocity, axis=-1) / np.linalg.norm(error, axis=-1)
     np.testing.assert_allclose(cosine, 1, atol=1e-5)
@@ -129,7 +126,7 @@ def test_filter_lets_pass_what_ducks_under_the_edge_and_not_what_would_hit_it():
 def test_velocity_is_finite_and_within_limits_everywhere(kind, field_filter):
     scene = table_scene()
     settings = PolicySettings(kind=kind, hidden_layers=(16, 16), field_filter=field_filter)
-    policy = make_policy(scene, VELOCITY, ACCELERATION, settings)
+    policy = make_policy(scene, LIMITS, settings)
     touching = [[1.5, 0.0, 0.3, 0.0], [1.5, 0.0, 0.5, 0.0], [1.25 - scene.torso_half_size[0], 0.0, 0.28, 0.0]]
     poses = np.concatenate([random_poses(1000), [TARGET, scene.lower, scene.upper], touching])
     velocity = np.asarray(jax.jit(jax.vmap(policy.velocity, (None, 0)))(wild(policy), poses))
@@ -138,7 +135,7 @@ def test_velocity_is_finite_and_within_limits_everywhere(kind, field_filter):
 
 
 def test_residual_field_is_a_stable_node_at_the_target_whatever_the_network_says():
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     parameters = wild(policy)
     field = jax.jit(jax.vmap(policy.velocity, (None, 0)))
     rng = np.random.default_rng(1)
@@ -153,7 +150,7 @@ def test_residual_field_is_a_stable_node_at_the_target_whatever_the_network_says
 
 
 def test_yaw_is_wrapped():
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     parameters = policy.init(jax.random.key(0))
     velocity = jax.jit(policy.velocity)
     pose = np.array([0.3, 0.2, 0.26, 0.5])
@@ -174,7 +171,7 @@ def test_the_field_turns_as_the_planner_does(low, high, start, target, turn):
     scene = make_scene(settings)
     expert = ExpertSettings(velocity=tuple(VELOCITY), acceleration=tuple(ACCELERATION), nodes=40)
     planned = make_expert(scene, expert).solve([0.9, 0.0, 0.28, start]).trajectory.states[-1, 3] - start
-    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(scene, LIMITS, SMALL)
     parameters = jax.tree.map(jnp.zeros_like, policy.init(jax.random.key(0)))
     parameters = parameters._replace(normalization=policy.init(jax.random.key(0)).normalization)
     measured = np.arctan2(np.sin(start), np.cos(start))  # as a quaternion gives it
@@ -207,7 +204,7 @@ def test_filtered_field_stops_before_the_table_that_it_drives_straight_at():
     starts = starts[clearance(scene, starts) > 0.03]
     outcomes = {}
     for field_filter in (False, True):
-        policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL.model_copy(update={"field_filter": field_filter}))
+        policy = make_policy(scene, LIMITS, SMALL.model_copy(update={"field_filter": field_filter}))
         parameters = policy.init(jax.random.key(0))
         parameters = parameters._replace(network=jax.tree.map(jnp.zeros_like, parameters.network))
         outcomes[field_filter] = follow(policy, parameters, scene, starts, 0.02, ACCELERATION / 0.92, 4.0)

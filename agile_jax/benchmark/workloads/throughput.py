@@ -11,8 +11,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.policy.field import Encoding
+from agile_jax.expert import MotionLimits
 from agile_jax.policy.kinds import make_policy
+from agile_jax.policy.policy import Encoding
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
 from agile_jax.training.epochs import Samples, TrainState, make_epoch, make_step
@@ -65,7 +66,8 @@ def make_workload(
         batch_size=training.batch_size,
         initialisation=training.initialisation,
     )
-    field = make_policy(make_scene(SceneSettings()), np.ones(POSE_SIZE), np.ones(POSE_SIZE), policy)
+    limits = MotionLimits(np.ones(POSE_SIZE), np.ones(POSE_SIZE))
+    field = make_policy(make_scene(SceneSettings()), limits, policy)
     generator = np.random.default_rng(0)
     poses = generator.normal(size=(steps * training.batch_size, POSE_SIZE)).astype(np.float32)
     labels = np.tanh(poses[:, ::-1])

@@ -14,8 +14,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Policy
 from agile_jax.policy.velocity_tracker import track
 from agile_jax.scene import POSE_SIZE, Scene, clearance, pose_error
 

@@ -19,8 +19,8 @@ from agile_jax.dataset import expert_times, time_limit, unseen_starts
 from agile_jax.engine import Engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_atomic
-from agile_jax.policy.field import Policy
 from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Policy
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.training.fit import Watch

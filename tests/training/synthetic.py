@@ -5,6 +5,7 @@ import sys
 
 import numpy as np
 
+from agile_jax.expert import MotionLimits
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.progress import silent
 from agile_jax.scene import Scene, SceneSettings, TableSettings, make_scene
@@ -12,6 +13,7 @@ from agile_jax.training import TrainingSettings, fit_policy
 
 VELOCITY = np.array([0.8, 0.5, 0.3, 1.0])
 ACCELERATION = np.array([1.5, 1.5, 1.0, 3.0])
+LIMITS = MotionLimits(VELOCITY, ACCELERATION)
 TARGET = np.array([3.0, 0.0, 0.28, 0.0])
 SMALL = PolicySettings(hidden_layers=(16, 16))
 BRIEF = TrainingSettings(batch_size=64, epochs=8, checkpoint_every=2, learning_rate=1e-2)
@@ -37,7 +39,7 @@ def smooth_labels(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 
 def train_small(directory: pathlib.Path, progress=silent):
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     labels = smooth_labels(500), smooth_labels(100, 1)
     return policy, fit_policy(policy, *labels, BRIEF, IDENTITY, 3, directory, progress)
 

@@ -6,14 +6,15 @@ import shutil
 import jax
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, SMALL, VELOCITY, table_scene
+from synthetic import LIMITS, SMALL, table_scene
 from test_stage import EXPERT, SCENE, straight_lines
 
 from agile_jax.dataset import DatasetSettings, samples
 from agile_jax.policy import make_policy
 from agile_jax.scene import clearance, make_scene
-from agile_jax.training import AggregationSettings, KinematicTestSettings, TrainingSettings, load_parameters, train
+from agile_jax.training import AggregationSettings, KinematicTestSettings, TrainingSettings, train
 from agile_jax.training.aggregation import BEFORE, visited_poses
+from agile_jax.training.checkpoint import load_parameters
 
 DAGGER = AggregationSettings(rounds=1, starts=6, queries=10, epochs=2, rate=0.5)
 CLOSED_LOOP = KinematicTestSettings(starts=4, every=2, watched_starts=4)
@@ -33,7 +34,7 @@ def finished(tmp_path_factory):
 
 
 def ending(directory):
-    parameters = load_parameters(directory, make_policy(make_scene(SCENE), VELOCITY, ACCELERATION, SMALL))
+    parameters = load_parameters(directory, make_policy(make_scene(SCENE), LIMITS, SMALL))
     return [np.asarray(leaf) for leaf in jax.tree.leaves(parameters)]
 
 

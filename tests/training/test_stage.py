@@ -3,14 +3,15 @@ import json
 import jax
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene
+from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene
 
 from agile_jax.dataset import Dataset, DatasetSettings, samples
 from agile_jax.expert import ExpertSettings
 from agile_jax.policy import make_policy, parameter_count
 from agile_jax.scene import SceneSettings, StartSettings
 from agile_jax.settings import BadInput
-from agile_jax.training import KinematicTestSettings, TrainingSettings, load_parameters, train
+from agile_jax.training import KinematicTestSettings, TrainingSettings, train
+from agile_jax.training.checkpoint import load_parameters
 
 REQUIRED = {"train_mse", "validation_mse", "test_mse", "noise_floor_mse"}
 REQUIRED |= {"seconds", "compile_seconds", "epochs", "parameters", "device"}
@@ -55,12 +56,12 @@ def test_training_stage_writes_the_contracts_summary(tmp_path):
     assert summary.keys() >= REQUIRED
     assert summary["epochs"] == 3
 
-    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(scene, LIMITS, SMALL)
     parameters = load_parameters(tmp_path, policy)
     assert summary["parameters"] == parameter_count(parameters) == 4 * 16 + 16 + 16 * 16 + 16 + 16 * 4 + 4
     for split in ("train", "validation", "test"):
         poses, labels = samples(dataset, split, DatasetSettings())
-        predicted = jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose)))(poses)
+        predicted = jax.vmap(lambda pose: policy.output(parameters, policy.encode(pose)))(poses)
         assert summary[f"{split}_mse"] == pytest.approx(np.mean((np.asarray(predicted) - labels) ** 2), rel=1e-4)
     assert 0 < summary["noise_floor_mse"] < summary["label_variance"]
     assert summary["field_arrived_rate"] == 1.0  # without obstacles the braking law brings every start home

@@ -8,12 +8,12 @@ import sys
 import jax
 import numpy as np
 import pytest
-from synthetic import BRIEF, IDENTITY, SMALL, smooth_labels, train_small
+from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, train_small
 
 from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import fit_policy, load_parameters
-from agile_jax.training.checkpoint import restore_checkpoint
+from agile_jax.training import fit_policy
+from agile_jax.training.checkpoint import load_parameters, restore_checkpoint
 from agile_jax.training.optimizer import make_optimizer
 
 
@@ -96,9 +96,9 @@ def test_without_a_sound_checkpoint_training_begins_anew_and_loading_is_refused(
 
 
 def make_policy_of_tests():
-    from synthetic import ACCELERATION, VELOCITY, table_scene
+    from synthetic import table_scene
 
-    return make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    return make_policy(table_scene(), LIMITS, SMALL)
 
 
 def test_checkpoint_of_other_settings_is_refused_with_the_difference(uninterrupted):
@@ -114,9 +114,9 @@ def test_checkpoint_of_other_settings_is_refused_with_the_difference(uninterrupt
 
 
 def test_checkpoint_of_another_network_is_refused(uninterrupted):
-    from synthetic import ACCELERATION, VELOCITY, table_scene
+    from synthetic import table_scene
 
-    wider = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL.model_copy(update={"hidden_layers": (16, 17)}))
+    wider = make_policy(table_scene(), LIMITS, SMALL.model_copy(update={"hidden_layers": (16, 17)}))
     with pytest.raises(BadInput, match="another network"):
         load_parameters(uninterrupted, wider)
 

@@ -3,11 +3,11 @@
 import jax
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene
+from synthetic import IDENTITY, LIMITS, SMALL, smooth_labels, table_scene
 
 from agile_jax.policy import make_policy
-from agile_jax.training import TrainingSettings, fit_policy, load_parameters
-from agile_jax.training.checkpoint import restore_checkpoint
+from agile_jax.training import TrainingSettings, fit_policy
+from agile_jax.training.checkpoint import load_parameters, restore_checkpoint
 from agile_jax.training.selection import chosen_seed, kept_epochs, stops, validation_errors
 
 LABELS = smooth_labels(500), smooth_labels(100, 1)
@@ -19,7 +19,7 @@ ROUGH = TrainingSettings(
 
 @pytest.fixture(scope="module")
 def policy():
-    return make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    return make_policy(table_scene(), LIMITS, SMALL)
 
 
 @pytest.fixture(scope="module")
@@ -77,7 +77,7 @@ def test_the_best_epoch_of_the_best_seed_is_the_policy(three, policy):
     chosen = load_parameters(directory, policy)
     for a, b in zip(jax.tree.leaves(chosen), jax.tree.leaves(fitted.parameters), strict=True):
         assert np.array_equal(a, b)
-    predicted = jax.vmap(lambda pose: policy.field(chosen, policy.encode(pose)))(np.float32(LABELS[1][0]))
+    predicted = jax.vmap(lambda pose: policy.output(chosen, policy.encode(pose)))(np.float32(LABELS[1][0]))
     assert np.mean((np.asarray(predicted) - LABELS[1][1]) ** 2) == pytest.approx(errors.min(), rel=1e-4)
     assert fitted.rows[0]["validation_mse"] == pytest.approx(errors[0].mean())
 

@@ -2,9 +2,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, table_scene
 
-from agile_jax.policy import make_policy
+from agile_jax.policy import ResidualField, make_policy
 from agile_jax.training import Followed, follow, make_follower
 from agile_jax.training.kinematic_test.follow import ARRIVED, COLLIDED, STALLED, TIMEOUT
 
@@ -13,9 +13,19 @@ DT = 0.02
 
 def without_network(scene, field_filter=True):
     settings = SMALL.model_copy(update={"field_filter": field_filter})
-    policy = make_policy(scene, VELOCITY, ACCELERATION, settings)
+    policy = make_policy(scene, LIMITS, settings)
     parameters = policy.init(jax.random.key(0))
     return policy, parameters._replace(network=jax.tree.map(jnp.zeros_like, parameters.network))
+
+
+def always(speed):
+    """A policy that asks for the same speed along x everywhere."""
+
+    class Always(ResidualField):
+        def command(self, parameters, pose, velocity, dt):
+            return jnp.array([speed, 0.0, 0.0, 0.0])
+
+    return Always(empty_scene(), LIMITS, SMALL)
 
 
 def test_braking_law_drives_home_in_the_analytic_time():
@@ -62,11 +72,9 @@ def test_straight_line_through_the_table_is_a_collision_and_touches_by_as_much_a
 
 def test_fields_that_stand_still_or_run_away_are_told_apart():
     scene = empty_scene()
-    policy, parameters = without_network(scene)
+    _, parameters = without_network(scene)
     starts = np.array([[0.0, 0.0, 0.28, 0.0]])
-    stand = policy._replace(command=lambda params, pose, velocity, dt: jnp.zeros(4))
-    run = policy._replace(command=lambda params, pose, velocity, dt: jnp.array([0.5, 0.0, 0.0, 0.0]))
-    broken = policy._replace(command=lambda params, pose, velocity, dt: jnp.full(4, jnp.nan))
+    stand, run, broken = always(0.0), always(0.5), always(np.nan)
     assert follow(stand, parameters, scene, starts, DT, ACCELERATION, 2.0).outcome[0] == STALLED
     assert follow(run, parameters, scene, starts, DT, ACCELERATION, 20.0).outcome[0] == TIMEOUT
     assert follow(broken, parameters, scene, starts, DT, ACCELERATION, 2.0).outcome[0] == TIMEOUT
@@ -74,8 +82,8 @@ def test_fields_that_stand_still_or_run_away_are_told_apart():
 
 def test_passing_through_the_target_is_no_arrival():
     scene = empty_scene()
-    policy, parameters = without_network(scene)
-    through = policy._replace(command=lambda params, pose, velocity, dt: jnp.array([0.5, 0.0, 0.0, 0.0]))
+    _, parameters = without_network(scene)
+    through = always(0.5)
     result = follow(through, parameters, scene, TARGET[None] - [[1.0, 0, 0, 0]], DT, None, 6.0)
     assert result.outcome[0] == TIMEOUT
     assert np.isinf(result.arrival_time[0])
@@ -83,7 +91,7 @@ def test_passing_through_the_target_is_no_arrival():
 
 def test_numbers_do_not_depend_on_how_many_starts_run_and_in_which_order():
     scene = table_scene()
-    policy = make_policy(scene, VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(scene, LIMITS, SMALL)
     parameters = policy.init(jax.random.key(1))
     starts = np.random.default_rng(0).uniform([-0.5, -0.8, 0.2, -0.3], [0.8, 0.8, 0.3, 0.3], (300, 4))
     follower = make_follower(policy, scene, 6.0, DT, ACCELERATION / 0.92)

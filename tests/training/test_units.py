@@ -3,13 +3,14 @@
 import jax
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, TARGET, VELOCITY, empty_scene
+from synthetic import LIMITS, TARGET, VELOCITY, empty_scene
 from test_stage import EXPERT, LOOPS, SCENE, straight_lines
 
 from agile_jax.dataset import DatasetSettings, labels, samples, split_mask
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import TrainingSettings, load_parameters, train
+from agile_jax.training import TrainingSettings, train
+from agile_jax.training.checkpoint import load_parameters
 from agile_jax.training.units import make_units
 
 PLAIN = PolicySettings(kind="plain", hidden_layers=(16, 16))
@@ -71,12 +72,12 @@ def test_errors_are_those_of_the_network_in_its_own_units(target, units, dataset
     summary = train(
         dataset, SCENE, EXPERT, PLAIN, training, 0, tmp_path, closed_loop_settings=LOOPS, dataset_settings=reading
     )
-    policy = make_policy(empty_scene(), VELOCITY, ACCELERATION, PLAIN)
+    policy = make_policy(empty_scene(), LIMITS, PLAIN)
     parameters = load_parameters(tmp_path, policy)
 
     def outputs(split):
         poses, wanted = samples(dataset, split, reading)
-        velocities = jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose)))(poses)
+        velocities = jax.vmap(lambda pose: policy.output(parameters, policy.encode(pose)))(poses)
         return np.asarray(velocities) / np.asarray(parameters.normalization.scale), wanted
 
     found, wanted = outputs("test")
@@ -86,7 +87,7 @@ def test_errors_are_those_of_the_network_in_its_own_units(target, units, dataset
         own = wanted / labels(dataset, reading)[chosen].reshape(-1, 4).std(0)
     assert summary["test_mse_own_units"] == pytest.approx(np.mean((found - own) ** 2), rel=1e-3)
     poses, velocities = samples(dataset, "test", DatasetSettings())
-    predicted = jax.vmap(lambda pose: policy.field(parameters, policy.encode(pose)))(poses)
+    predicted = jax.vmap(lambda pose: policy.output(parameters, policy.encode(pose)))(poses)
     assert summary["test_mse"] == pytest.approx(np.mean((np.asarray(predicted) - velocities) ** 2), rel=1e-3)
     assert summary["noise_floor_mse_own_units"] > 0
     if units == "si":  # in metres a node, far smaller numbers

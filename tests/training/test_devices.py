@@ -11,11 +11,12 @@ import sys
 import jax
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, BRIEF, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene, train_small
+from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, table_scene, train_small
 
 from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import fit_policy, load_parameters
+from agile_jax.training import fit_policy
+from agile_jax.training.checkpoint import load_parameters
 
 HALFWAY = 4
 
@@ -30,7 +31,7 @@ def train_on_four(directory: pathlib.Path) -> str:
 
 
 def parameters_in(directory):
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     return jax.tree.leaves(load_parameters(directory, policy))
 
 
@@ -87,13 +88,13 @@ def test_two_processes_give_the_result_of_one(uninterrupted, tmp_path):
 
 def train_on_two_hosts(directory: pathlib.Path, address: str, number: int) -> None:
     jax.distributed.initialize(address, 2, number)
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     two = BRIEF.model_copy(update={"devices": 2})
     fit_policy(policy, smooth_labels(500), smooth_labels(100, 1), two, IDENTITY, 3, directory)
 
 
 def test_too_few_devices_are_refused(tmp_path):
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     settings = BRIEF.model_copy(update={"devices": 64})
     with pytest.raises(BadInput, match=r"training\.devices = 64, but JAX finds \d"):
         fit_policy(policy, smooth_labels(500), smooth_labels(100, 1), settings, IDENTITY, 0, tmp_path)
@@ -103,7 +104,7 @@ if __name__ == "__main__" and len(sys.argv) > 2:
     train_on_two_hosts(pathlib.Path(sys.argv[1]), sys.argv[2], int(sys.argv[3]))
 elif __name__ == "__main__":  # in the process with four devices
     four = BRIEF.model_copy(update={"devices": 4})
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     labels = smooth_labels(500), smooth_labels(100, 1)
     root = pathlib.Path(sys.argv[1])
     fitted = fit_policy(policy, *labels, four, IDENTITY, 3, root / "whole")

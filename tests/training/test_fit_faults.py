@@ -15,7 +15,7 @@ import time
 import jax
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, BRIEF, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene, train_small
+from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, table_scene, train_small
 from test_resumption import assert_same_ending, make_policy_of_tests
 
 from agile_jax.policy import make_policy
@@ -71,7 +71,7 @@ def test_nothing_sound_is_left(uninterrupted, tmp_path, capsys):
 
 def test_validation_error_that_is_not_finite_stops_with_the_step(tmp_path):
     """Training may still look well when the held-out samples overflow."""
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL.model_copy(update={"kind": "plain"}))
+    policy = make_policy(table_scene(), LIMITS, SMALL.model_copy(update={"kind": "plain"}))
     poses, velocities = smooth_labels(100, 1)
     with pytest.raises(BadInput, match=r"validation error after step 8 \(epoch 1\) is not finite; lower"):
         fit_policy(policy, smooth_labels(500), (poses, velocities + 1e30), BRIEF, IDENTITY, 0, tmp_path)

@@ -6,11 +6,12 @@ import numpy as np
 import optax
 import pytest
 from pydantic import ValidationError
-from synthetic import ACCELERATION, BRIEF, IDENTITY, SMALL, VELOCITY, smooth_labels, table_scene, train_small
+from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, table_scene, train_small
 
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import TrainingSettings, fit_policy, load_parameters
+from agile_jax.training import TrainingSettings, fit_policy
+from agile_jax.training.checkpoint import load_parameters
 from agile_jax.training.epochs import TrainState, encode_samples, make_step, mean_squared_error
 
 
@@ -45,10 +46,12 @@ def numpy_step(network, features, base, gain, scale, labels, rate, bounded):
 
 @pytest.mark.parametrize("kind", ["plain", "residual"])
 def test_one_sgd_step_equals_backpropagation_by_hand(kind):
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, PolicySettings(kind=kind, hidden_layers=(7, 5)))
+    policy = make_policy(table_scene(), LIMITS, PolicySettings(kind=kind, hidden_layers=(7, 5)))
     poses, velocities = smooth_labels(32)
     samples = encode_samples(policy, poses, velocities)
-    parameters = policy.fit(policy.init(jax.random.key(0), "torch_uniform"), np.asarray(samples.encoding.features))
+    parameters = policy.normalise(
+        policy.init(jax.random.key(0), "torch_uniform"), np.asarray(samples.encoding.features)
+    )
     optimizer = optax.sgd(0.5)
     state = TrainState(parameters, optimizer.init(parameters.network), jnp.int32(0))
     state, loss = jax.jit(make_step(policy, optimizer))(state, samples)
@@ -75,11 +78,11 @@ def test_one_sgd_step_equals_backpropagation_by_hand(kind):
 
 def test_mean_squared_error_over_blocks_equals_the_mean(monkeypatch):
     monkeypatch.setattr("agile_jax.training.epochs.BLOCK", 64)
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     poses, velocities = smooth_labels(150)
     samples = encode_samples(policy, poses, velocities)
     parameters = policy.init(jax.random.key(0))
-    predicted = jax.vmap(policy.field, (None, 0))(parameters, samples.encoding)
+    predicted = jax.vmap(policy.output, (None, 0))(parameters, samples.encoding)
     expected = np.mean((np.asarray(predicted) - velocities) ** 2)
     assert float(mean_squared_error(policy, parameters, samples)) == pytest.approx(expected, rel=1e-5)
 
@@ -113,7 +116,7 @@ def test_finished_training_trains_no_more(uninterrupted):
 
 def test_divergence_names_the_step_and_a_remedy(tmp_path):
     settings = TrainingSettings(optimizer="sgd", schedule="constant", learning_rate=1e6, batch_size=64, epochs=3)
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL.model_copy(update={"kind": "plain"}))
+    policy = make_policy(table_scene(), LIMITS, SMALL.model_copy(update={"kind": "plain"}))
     labels = smooth_labels(500), smooth_labels(100, 1)
     with pytest.raises(BadInput, match=r"diverged.*step \d+.*lower training.learning_rate"):
         fit_policy(policy, *labels, settings, IDENTITY, 0, tmp_path)
@@ -121,7 +124,7 @@ def test_divergence_names_the_step_and_a_remedy(tmp_path):
 
 
 def test_unusable_samples_are_refused(tmp_path):
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     poses, velocities = smooth_labels(100)
     bad = velocities.copy()
     bad[17, 2] = np.nan
@@ -135,17 +138,17 @@ def test_unusable_samples_are_refused(tmp_path):
 
 
 def test_inputs_without_spread_do_not_explode():
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, SMALL)
+    policy = make_policy(table_scene(), LIMITS, SMALL)
     poses = smooth_labels(100)[0]
     poses[:, 3] = 1e-9 * np.arange(100)  # the paper's starts have no spread in yaw
     features = np.asarray(encode_samples(policy, poses, poses).encoding.features)
-    normalization = policy.fit(policy.init(jax.random.key(0)), features).normalization
+    normalization = policy.normalise(policy.init(jax.random.key(0)), features).normalization
     assert float(normalization.std[3]) == pytest.approx(3.2)
     np.testing.assert_allclose(normalization.std[0], poses[:, 0].std(), rtol=1e-4)
 
 
 def test_torch_uniform_is_uniform_within_one_over_the_root_of_the_inputs():
-    policy = make_policy(table_scene(), VELOCITY, ACCELERATION, PolicySettings(hidden_layers=(100, 400)))
+    policy = make_policy(table_scene(), LIMITS, PolicySettings(hidden_layers=(100, 400)))
     layer = jax.jit(lambda key: policy.init(key, "torch_uniform"))(jax.random.key(0)).network["params"]["Dense_1"]
     for leaf in layer.values():
         assert float(jnp.abs(leaf).max()) == pytest.approx(0.1, rel=0.02)
