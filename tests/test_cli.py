@@ -60,9 +60,12 @@ Call = Callable[..., tuple[int, str, str]]
         (["run", "nan.toml"], "nan.toml: training.learning_rate = nan: must be a finite number"),
         (
             ["expert", "inside.toml"],
-            "inside.toml: scene: target = [1.5, 0.0, 0.28, 0.0] puts the torso inside an obstacle",
+            "inside.toml: scene.target = [1.5, 0.0, 0.28, 0.0] puts the torso inside obstacle 0",
         ),
-        (["run", "close.toml"], "close.toml: target = [2.04, 0.0, 0.28, 0.0] puts the torso 0.0100 m from obstacle 0"),
+        (
+            ["run", "close.toml"],
+            "close.toml: scene.target = [2.04, 0.0, 0.28, 0.0] puts the torso 0.0100 m from obstacle 0",
+        ),
         (["run", "rounds.toml"], 'it needs expert.initial_velocity = "free"'),
         (["run", "feedback.toml"], 'it needs expert.initial_velocity = "rest"'),
         (["export", "nowhere"], "nowhere: no such run directory"),
@@ -85,7 +88,7 @@ Call = Callable[..., tuple[int, str, str]]
             "command line: training.learning_rate = nan: must be",
         ),
         (["run", "good.toml", "--policy.kind", "plian"], "plian"),
-        (["run", "good.toml", "--scene.target", "1.5", "0", "0.28", "0"], "puts the torso inside an obstacle"),
+        (["run", "good.toml", "--scene.target", "1.5", "0", "0.28", "0"], "puts the torso inside obstacle 0"),
         (
             ["run", "good.toml", "--engine", "pigeon"],
             'engine address "pigeon" is none of "local", "inline", "tcp://host:port"',

@@ -181,8 +181,24 @@ def test_all_errors_come_at_once_with_file_key_value_and_advice(write: Write) ->
         ("[training]\nepochs = true", ["training.epochs = True: input should be a valid integer"]),
         ("[training]\nepochs = 1979-05-27", ["training.epochs = datetime.date(1979, 5, 27)"]),
         ("training = 3", ["training = 3"]),
-        ("[scene]\ntarget = [1.5, 0.0, 0.28, 0.0]\n" + TABLE, ["scene: target = [1.5, 0.0, 0.28, 0.0]", "inside"]),
-        ("[scene]\ntarget = [1.5, 0.0]", ["scene.target.2: is missing", "scene.target.3: is missing"]),
+        ("[scene]\ntarget = [1.5, 0.0, 0.28, 0.0]\n" + TABLE, ["scene.target = [1.5, 0.0, 0.28, 0.0]", "inside"]),
+        ("[scene]\ntarget = [1.5, 0.0]", ["scene.target = [1.5, 0.0]: must have 4 values, not 2"]),
+        (
+            "[scene]\ntarget = [9.0, 0.0, 0.1, 90.0]",
+            ["scene.target.3 = 90.0: is more than a full turn [rad]; 90 degrees are 1.571"],
+        ),
+        (
+            "[scene]\ntarget = [9.0, 0.0, 0.1, 3.3]",
+            ["scene.target x = 9 m is outside its bounds [-1.5, 4.5] m", "scene.target z = 0.1 m"],
+        ),
+        (
+            "[scene.start]\nmean = [1.5, 0.0, 0.28, 0.0]\nstd = [0.0, 0.0, 0.0, 0.0]\n" + TABLE,
+            ["a.toml: scene.start: 0 of 10240 starts are free (mean [1.5, 0.0, 0.28, 0.0], std", "margin 0.0255 m)"],
+        ),
+        (
+            '[policy]\nkind = "feedback"\n[expert]\ninitial_velocity = "free"\n[scene]\ntarget = [9.0, 0.0, 0.28, 0.0]',
+            ['policy.kind = "feedback" learns', "scene.target x = 9 m"],
+        ),
         ('name = "../up"', ["name = '../up'", "letters"]),
         ("seed = -1", ["seed = -1"]),
         ('[sweep]\nmethod = "tpe"\n[sweep.space]\nseed = [1]', ["sweep.method = 'tpe'", "not available yet"]),

@@ -25,10 +25,10 @@ from agile_jax.dataset.shard import SCHEMA, BadShardError, ShardTask, decode, ma
 from agile_jax.dataset.summary import summarise
 from agile_jax.engine import Engine, TaskFailure, TasksFailedError
 from agile_jax.expert import ExpertSettings
-from agile_jax.expert.settings import check_scene
+from agile_jax.expert.feasible_poses import check_targets
 from agile_jax.files import hash_json, sha256, sync_folder, write_atomic, write_json
 from agile_jax.progress import Progress, silent
-from agile_jax.scene import SceneSettings
+from agile_jax.scene import SceneSettings, make_scene
 
 UNITS = {
     "index": "of the trajectory in the order of drawing",
@@ -79,7 +79,7 @@ def generate(
         IncompleteDatasetError: tasks failed.
         OSError: the disk is full or cannot be written; what is there stays valid.
     """
-    check_scene(scene_settings, expert_settings, dataset_settings.targets)
+    check_targets(make_scene(scene_settings), expert_settings, dataset_settings.targets)
     directory = pathlib.Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     key = settings_key(scene_settings, expert_settings, dataset_settings, seed)

@@ -62,7 +62,7 @@ def draw_start(
         else:
             return Starts(pose[None], attempted, collisions, outside)
     raise BadInput(
-        f'dataset.starts = "wide": none of {MAX_DRAWS} draws is free with a margin of {margin} m; '
+        f'dataset.starts = "wide": none of {MAX_DRAWS} draws is free with a margin of {margin:g} m; '
         "widen the bounds or move the starts away from the obstacles"
     )
 

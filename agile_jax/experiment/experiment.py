@@ -15,11 +15,12 @@ from pydantic import Field, SerializeAsAny, WrapValidator, field_validator, mode
 from agile_jax.control.settings import CONTROLLERS, ControlSettings
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
+from agile_jax.experiment.check import check
 from agile_jax.experiment.file import Table, origin, override, read_table
 from agile_jax.experiment.moved import moved
 from agile_jax.experiment.robot_path import resolve_robot_paths
 from agile_jax.experiment.validation import validate
-from agile_jax.expert.settings import EXPERTS, ExpertSettings, check_scene
+from agile_jax.expert.settings import EXPERTS, ExpertSettings
 from agile_jax.files import hash_json, sha256
 from agile_jax.plugins import by_kind
 from agile_jax.policy.settings import POLICIES, PolicySettings
@@ -88,62 +89,9 @@ class Experiment(Settings):
         return name
 
     @model_validator(mode="after")
-    def _sweep_can_be_measured(self) -> "Experiment":
-        if self.sweep is not None:
-            stage, *rest = self.sweep.metric.split(".")
-            if stage == "evaluation" and rest[0] not in self._backends():
-                raise ValueError(
-                    f"sweep.metric = {self.sweep.metric!r}: no trial has an evaluation by {rest[0]!r}; "
-                    f"evaluation.backend gives {', '.join(self._backends())}"
-                )
+    def _stages_agree(self) -> "Experiment":
+        check(self)
         return self
-
-    @model_validator(mode="after")
-    def _plans_can_end(self) -> "Experiment":
-        check_scene(self.scene, self.expert, self.dataset.targets)
-        return self
-
-    @model_validator(mode="after")
-    def _envelope_covers_the_robot(self) -> "Experiment":
-        if self.robot.name != OWN:
-            from agile_jax.robot.envelope import check_envelope  # loads MuJoCo
-
-            check_envelope(self.scene.torso_half_size, self.robot)
-        return self
-
-    @model_validator(mode="after")
-    def _filter_lets_the_labels_pass(self) -> "Experiment":
-        filtered = self.policy.kind != "plain" and self.policy.field_filter and self.scene.obstacles
-        if filtered and self.policy.filter_margin >= self.expert.clearance_margin:
-            raise ValueError(
-                f"policy.filter_margin = {self.policy.filter_margin} must be below expert.clearance_margin = "
-                f"{self.expert.clearance_margin}, or the filter would stop the field where the labels pass; "
-                "lower it, or set policy.field_filter = false"
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _expert_can_answer(self) -> "Experiment":
-        if self.aggregation.rounds and (self.policy.kind == "feedback" or self.expert.initial_velocity != "free"):
-            raise ValueError(
-                f"aggregation.rounds = {self.aggregation.rounds} asks the expert for the best velocity at a pose, "
-                'which only policies that learn it can use: it needs expert.initial_velocity = "free" and '
-                'policy.kind = "plain" or "residual"; set aggregation.rounds = 0'
-            )
-        return self
-
-    @model_validator(mode="after")
-    def _feedback_has_labels(self) -> "Experiment":
-        if self.policy.kind == "feedback" and self.expert.initial_velocity != "rest":
-            raise ValueError(
-                'policy.kind = "feedback" learns how to speed up, too: it needs expert.initial_velocity = "rest"'
-            )
-        return self
-
-    def _backends(self) -> tuple[str, ...]:
-        assert self.sweep is not None
-        listed = tuple(point["evaluation.backend"] for point in self.sweep.points if "evaluation.backend" in point)
-        return self.sweep.space.get("evaluation.backend", (self.evaluation.backend, *listed))
 
 
 def load_experiment(path: pathlib.Path | str, overrides: Mapping[str, Any] | None = None) -> Experiment:

@@ -4,20 +4,21 @@ import difflib
 import pathlib
 import tomllib
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from agile_jax.settings import BadInput
 
 LARGEST_FILE = 1_000_000  # [byte]; an experiment file is a few kilobytes, anything else is the wrong file
 
-Path = tuple[str | int, ...]  # of a key: ("scene", "obstacles", 0, "position")
+KeyPath = tuple[str | int, ...]  # ("scene", "obstacles", 0, "position")
+Values = dict[str, object]  # a table, as TOML has it
 
 
 class Table(NamedTuple):
     """A parsed experiment, not yet validated."""
 
-    values: dict[str, Any]
-    origins: dict[Path, str]  # the file, or "command line", that set each key; an array's elements share its entry
+    values: Values
+    origins: dict[KeyPath, str]  # the file, or "command line", that set each key; an array's elements share its entry
     name: str  # of the file that was asked for
 
 
@@ -27,7 +28,7 @@ def read_table(path: pathlib.Path) -> Table:
     Raises:
         BadInput: the file or an ancestor is missing, too large, not text or not TOML, or the ancestors form a circle.
     """
-    lineage: list[tuple[pathlib.Path, dict[str, Any]]] = []
+    lineage: list[tuple[pathlib.Path, Values]] = []
     current: pathlib.Path | None = path
     while current is not None:
         seen = [file.resolve() for file, _ in lineage]
@@ -43,15 +44,15 @@ def read_table(path: pathlib.Path) -> Table:
         lineage.append((current, values))
         current = current.parent / parent if parent is not None else None
 
-    merged: dict[str, Any] = {}
-    origins: dict[Path, str] = {}
+    merged: Values = {}
+    origins: dict[KeyPath, str] = {}
     for file, values in reversed(lineage):
         merged = _merge(merged, values)
-        origins.update((key, str(file)) for key in _key_paths(values))
+        origins.update((key, str(file)) for key in _keys(values))
     return Table(merged, origins, str(path))
 
 
-def override(table: Table, overrides: Mapping[str, Any], source: str = "command line") -> Table:
+def override(table: Table, overrides: Mapping[str, object], source: str = "command line") -> Table:
     """The table with dotted keys set, for example {"training.learning_rate": 0.1, "scene.obstacles.0.yaw": 0.2}.
 
     Raises:
@@ -59,49 +60,46 @@ def override(table: Table, overrides: Mapping[str, Any], source: str = "command 
     """
     values, origins = _copy(table.values), dict(table.origins)
     for dotted, value in overrides.items():
-        node: Any = values
-        path: list[str | int] = []
+        node: object = values
+        key: KeyPath = ()
         *parents, last = dotted.split(".")
         for part in parents:
             if isinstance(node, list):
-                node = node[_index(node, part, dotted, source)]
-                path.append(int(part))
+                index = _index(node, part, dotted, source)
+                node, key = node[index], (*key, index)
             elif isinstance(node, dict):
-                path.append(part)
+                key = (*key, part)
                 if part not in node:
                     node[part] = {}
-                    origins[tuple(path)] = source
+                    origins[key] = source
                 node = node[part]
             else:
                 break
         if isinstance(node, list):
-            node[_index(node, last, dotted, source)] = value
-            path.append(int(last))
+            index = _index(node, last, dotted, source)
+            node[index], key = value, (*key, index)
         elif isinstance(node, dict):
-            node[last] = value
-            path.append(last)
+            node[last], key = value, (*key, last)
         else:
-            raise BadInput(f"{source}: {dotted}: `{'.'.join(map(str, path))}` is a value and has no keys below it")
-        origins[tuple(path)] = source
+            raise BadInput(f"{source}: {dotted}: `{'.'.join(map(str, key))}` is a value and has no keys below it")
+        origins[key] = source
     return Table(values, origins, table.name)
 
 
-def origin(table: Table, path: Path) -> str:
+def origin(table: Table, key: KeyPath) -> str:
     """The file that set the key, or the nearest table around it."""
-    for length in range(len(path), 0, -1):
-        if path[:length] in table.origins:
-            return table.origins[path[:length]]
+    for length in range(len(key), 0, -1):
+        if key[:length] in table.origins:
+            return table.origins[key[:length]]
     return table.name
 
 
-def _parse(path: pathlib.Path, child: pathlib.Path | None) -> dict[str, Any]:
+def _parse(path: pathlib.Path, child: pathlib.Path | None) -> Values:
     """One file as a table; every way in which it can be unreadable is one message."""
     asked = f" (which {child} extends)" if child else ""
     if not path.exists():
-        folder = path.parent
-        names = sorted(file.name for file in folder.glob("*.toml")) if folder.is_dir() else []
-        near = difflib.get_close_matches(path.name, names, 1)
-        hint = f"; did you mean {folder / near[0]}?" if near else ""
+        near = difflib.get_close_matches(path.name, _experiments_in(path.parent), 1)
+        hint = f"; did you mean {path.parent / near[0]}?" if near else ""
         raise BadInput(f"{path}: no such file{asked}{hint}")
     if path.is_dir():
         raise BadInput(f"{path}: is a folder{asked}; an experiment is one TOML file")
@@ -110,7 +108,7 @@ def _parse(path: pathlib.Path, child: pathlib.Path | None) -> dict[str, Any]:
     if path.stat().st_size > LARGEST_FILE:
         raise BadInput(f"{path}: has {path.stat().st_size} bytes{asked}; an experiment file has at most {LARGEST_FILE}")
     try:
-        text = path.read_bytes().decode()
+        text = path.read_bytes().decode("utf-8-sig")  # some editors begin a file with a byte order mark
     except UnicodeDecodeError:
         raise BadInput(f"{path}: is not UTF-8 text{asked}; an experiment is a TOML file") from None
     if not text.strip():
@@ -123,31 +121,44 @@ def _parse(path: pathlib.Path, child: pathlib.Path | None) -> dict[str, Any]:
         raise BadInput(f"{path}: is nested too deeply{asked}") from None
 
 
-def _merge(base: dict[str, Any], child: dict[str, Any]) -> dict[str, Any]:
+def _experiments_in(folder: pathlib.Path) -> Iterator[str]:
+    """The names of the experiment files in a folder: every experiment, or what it extends, has a name."""
+    for path in sorted(folder.glob("*.toml")) if folder.is_dir() else ():
+        try:
+            values = _parse(path, None)
+        except (BadInput, OSError):
+            continue
+        if {"name", "extends"} & values.keys():
+            yield path.name
+
+
+def _merge(base: Values, child: Values) -> Values:
     merged = dict(base)
     for key, value in child.items():
-        both_tables = isinstance(value, dict) and isinstance(base.get(key), dict)
-        merged[key] = _merge(base[key], value) if both_tables else value
+        old = base.get(key)
+        merged[key] = _merge(old, value) if isinstance(value, dict) and isinstance(old, dict) else value
     return merged
 
 
-def _key_paths(values: dict[str, Any], prefix: Path = ()) -> Iterator[Path]:
+def _keys(values: Values, prefix: KeyPath = ()) -> Iterator[KeyPath]:
     for key, value in values.items():
         yield (*prefix, key)
         if isinstance(value, dict):
-            yield from _key_paths(value, (*prefix, key))
+            yield from _keys(value, (*prefix, key))
 
 
-def _copy(value: Any) -> Any:
+def _copy(values: Values) -> Values:
     """A deep copy in which every array is a list, so that overrides can reach into it."""
-    if isinstance(value, dict):
-        return {key: _copy(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_copy(item) for item in value]
-    return value
+
+    def copied(value: object) -> object:
+        if isinstance(value, dict):
+            return {key: copied(item) for key, item in value.items()}
+        return [copied(item) for item in value] if isinstance(value, list | tuple) else value
+
+    return {key: copied(value) for key, value in values.items()}
 
 
-def _index(array: list[Any], part: str, dotted: str, source: str) -> int:
+def _index(array: list[object], part: str, dotted: str, source: str) -> int:
     if part.isdecimal() and int(part) < len(array):
         return int(part)
     raise BadInput(f"{source}: {dotted}: `{part}` is no index of an array with {len(array)} elements (counted from 0)")

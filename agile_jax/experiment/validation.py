@@ -3,24 +3,37 @@
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterator
-from typing import Any, Literal, TypeVar, get_args, get_origin
+from collections.abc import Callable, Iterator, Mapping
+from typing import Literal, NamedTuple, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
+from pydantic_core import ErrorDetails
 
+from agile_jax.experiment.check import ContradictionsError
+from agile_jax.experiment.file import KeyPath
 from agile_jax.settings import BadInput
 
 Model = TypeVar("Model", bound=BaseModel)
-Where = tuple[str | int, ...]
 
 
-def validate(model: type[Model], values: dict[str, Any], where_from: Callable[[Where], str]) -> Model:
+def dotted(key: KeyPath) -> str:
+    """The key as written in an override: scene.obstacles.0.position."""
+    return ".".join(map(str, key))
+
+
+def validate(
+    model: type[Model],
+    values: Mapping[str, object],
+    origin: Callable[[KeyPath], str],
+    name: Callable[[KeyPath], str] = dotted,
+) -> Model:
     """An instance of `model`, or all errors at once.
 
     Args:
         model: the settings to make.
         values: plain tables, arrays and scalars.
-        where_from: the file that set a key, for the message.
+        origin: the file that set a key, for the message.
+        name: what the message calls a key.
 
     Raises:
         BadInput: one line for each error.
@@ -28,16 +41,22 @@ def validate(model: type[Model], values: dict[str, Any], where_from: Callable[[W
     try:
         return model.model_validate(values)
     except ValidationError as error:
-        lines = [_describe(model, values, where_from, detail) for detail in error.errors(include_url=False)]
+        details, lines = error.errors(include_url=False), []
+        # Of an array that is too short every missing element is an error; the last one tells how long it must be.
+        lengths = {detail["loc"][:-1]: detail["loc"][-1] for detail in details if detail["type"] == "missing"}
+        for detail in details:
+            cause = detail.get("ctx", {}).get("error")
+            if isinstance(cause, ContradictionsError):
+                lines += [f"{origin(one.key)}: {one.text}" for one in cause.found]
+            else:
+                place = _locate(values, detail["loc"], missing=detail["type"] == "missing")
+                lines.append(
+                    f"{origin(place.key)}: {_describe(model, place, detail, name, lengths.get(detail['loc'][:-1]))}"
+                )
         raise BadInput("\n".join(dict.fromkeys(lines))) from None
 
 
-def dotted(where: Where) -> str:
-    """The key as written on the command line: scene.obstacles.0.position."""
-    return ".".join(map(str, where))
-
-
-def nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
+def nested_models(annotation: object) -> Iterator[type[BaseModel]]:
     """Every model inside an annotation such as tuple[A | B, ...] | None."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         yield annotation
@@ -45,47 +64,65 @@ def nested_models(annotation: Any) -> Iterator[type[BaseModel]]:
         yield from nested_models(argument)
 
 
-def _describe(model: type[BaseModel], values: Any, where_from: Callable[[Where], str], detail: Any) -> str:
-    where, value = _locate(values, detail["loc"], detail["type"] == "missing")
-    file, key = where_from(where), dotted(where)
+class _Place(NamedTuple):
+    """Where an error is in the file. Pydantic's location also names members of unions; no file does."""
+
+    key: KeyPath
+    value: object
+    around: object  # the table or array that holds it
+
+
+def _locate(values: object, location: tuple[int | str, ...], missing: bool) -> _Place:
+    key: list[str | int] = []
+    node = around = values
+    for i, part in enumerate(location):
+        in_array = isinstance(node, list | tuple) and isinstance(part, int) and part < len(node)
+        if in_array or (isinstance(node, Mapping) and part in node):
+            around, node = node, node[part]  # type: ignore[index]
+        elif missing and i == len(location) - 1:
+            around, node = node, None
+        else:
+            continue
+        key.append(part)
+    return _Place(tuple(key), node, around)
+
+
+def _describe(
+    model: type[BaseModel],
+    place: _Place,
+    detail: ErrorDetails,
+    name: Callable[[KeyPath], str],
+    last_missing: int | str | None,
+) -> str:
+    """Key, value, what is allowed."""
+    key, value = place.key, place.value
     message = detail["msg"].removeprefix("Value error, ")
     message = message[0].lower() + message[1:] if message.startswith("Input") else message
+    hint = ""
     if detail["type"] == "extra_forbidden":
         known = _known_names(model, detail["loc"][:-1])
-        near = difflib.get_close_matches(str(where[-1]), known, 1, 0.5)
-        hint = f"did you mean {dotted((*where[:-1], near[0]))}? " if near else ""
-        return f"{file}: {key}: unknown key; {hint}Known here: {', '.join(known)}"
+        near = difflib.get_close_matches(str(key[-1]), known, 1, 0.5)
+        hint = f"did you mean {name((*key[:-1], near[0]))}? " if near else ""
+        return f"{name(key)}: unknown key; {hint}Known here: {', '.join(known)}"
     if detail["type"] == "missing":
-        return f"{file}: {key}: is missing"
-    if not where or isinstance(value, dict):
-        return f"{file}: {key}: {message}" if where else f"{file}: {message}"
-    hint = ""
+        if isinstance(place.around, list | tuple) and isinstance(last_missing, int):
+            there = list(place.around)
+            return f"{name(key[:-1])} = {_short(there)}: must have {last_missing + 1} values, not {len(there)}"
+        return f"{name(key)}: is missing"
+    if not key or isinstance(value, Mapping):
+        return f"{name(key)}: {message}" if key else message
     if isinstance(value, str):
         choices = re.findall(r"'([^']*)'", str(detail.get("ctx", {}).get("expected", "")))
         near = difflib.get_close_matches(value, choices, 1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
+    if detail["type"] == "too_long" and isinstance(value, list | tuple):
+        message = f"must have {detail['ctx']['max_length']} values, not {len(value)}"
     if isinstance(value, float) and not math.isfinite(value):
         message = "must be a finite number"
-    return f"{file}: {key} = {_short(value)}: {message}{hint}"
+    return f"{name(key)} = {_short(value)}: {message}{hint}"
 
 
-def _locate(values: Any, location: Where, missing: bool) -> tuple[Where, Any]:
-    """The key path in the file, and its value. Pydantic's location also names members of unions; no file does."""
-    where: list[str | int] = []
-    node = values
-    for i, part in enumerate(location):
-        in_array = isinstance(node, list | tuple) and isinstance(part, int) and part < len(node)
-        if in_array or (isinstance(node, dict) and part in node):
-            node = node[part]
-        elif missing and i == len(location) - 1:
-            return (*where, part), None
-        else:
-            continue
-        where.append(part)
-    return tuple(where), node
-
-
-def _known_names(model: type[BaseModel], location: Where) -> list[str]:
+def _known_names(model: type[BaseModel], location: tuple[int | str, ...]) -> list[str]:
     """The valid keys at a location, where a part of it may be the tag of a union's member."""
     candidates: list[type[BaseModel]] = [model]
     for part in location:
@@ -106,6 +143,6 @@ def _tags(model: type[BaseModel]) -> set[str]:
     return {tag for annotation in annotations if get_origin(annotation) is Literal for tag in get_args(annotation)}
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     text = repr(value)
     return text if len(text) <= 80 else text[:77] + "..."

@@ -1,11 +1,13 @@
 """The poses that a plan may begin and end at: within the bounds, and clear of the obstacles by the margin."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.space.regions import planning_margin
-from agile_jax.scene import POSE_NAMES, POSE_SIZE, Scene, obstacle_clearances
-from agile_jax.settings import BadInput
+from agile_jax.scene import POSE_NAMES, POSE_SIZE, Scene, obstacle_clearances, turns_freely
+from agile_jax.settings import BadInput, Pose, yaw_error
 
 UNITS = ("m", "m", "m", "rad")
 
@@ -13,10 +15,11 @@ UNITS = ("m", "m", "m", "rad")
 def check_start(scene: Scene, settings: ExpertSettings, start: np.ndarray) -> None:
     """Refuse a start pose, shape (4,), from which no plan can begin.
 
-    Raises: BadInput: outside the bounds, inside an obstacle, or within the margin of one. The message names value and
-        allowed range.
+    Raises:
+        BadInput: `pose_errors`, one a line.
     """
-    _check(scene, settings, start, "start")
+    if errors := pose_errors(scene, settings, start, "start"):
+        raise BadInput("\n".join(errors))
 
 
 def check_target(
@@ -30,20 +33,41 @@ def check_target(
         target: the scene's when not given.
         name: what the message calls it.
     """
-    _check(scene, settings, scene.target if target is None else target, name)
+    if errors := pose_errors(scene, settings, scene.target if target is None else target, name):
+        raise BadInput("\n".join(errors))
 
 
-def _check(scene: Scene, settings: ExpertSettings, pose: np.ndarray, name: str) -> None:
+def check_targets(scene: Scene, settings: ExpertSettings, targets: Sequence[Pose]) -> None:
+    """`check_target` for the scene's target and for each of `targets`, where labels lead to others."""
+    check_target(scene, settings)
+    for i, target in enumerate(targets):
+        check_target(scene, settings, np.array(target), f"dataset.targets[{i}]")
+
+
+def pose_errors(scene: Scene, settings: ExpertSettings, pose: np.ndarray, name: str) -> list[str]:
+    """Why no plan can begin or end at a pose, shape (4,): each axis out of bounds, or each obstacle that is too near.
+
+    Where the bounds of yaw hold a full circle, yaw has none. `name` is what the messages call the pose.
+    """
     pose = np.asarray(pose, float)
     if pose.shape != (POSE_SIZE,) or not np.isfinite(pose).all():
-        raise BadInput(f"{name} = {pose.tolist()} must be {POSE_SIZE} finite numbers: x y z yaw [m, m, m, rad]")
+        return [f"{name} = {pose.tolist()} must be {POSE_SIZE} finite numbers: x y z yaw [m, m, m, rad]"]
+    errors = []
     for axis, unit, value, low, high in zip(POSE_NAMES, UNITS, pose, scene.lower, scene.upper, strict=True):
-        if not low <= value <= high:
-            raise BadInput(f"{name} {axis} = {value:g} {unit} is outside its bounds [{low:g}, {high:g}] {unit}")
-    for number, distance in zip(scene.obstacle_numbers, obstacle_clearances(scene, pose), strict=True):
-        if distance < planning_margin(settings):
+        if axis == "yaw" and (error := yaw_error(value)):
+            errors.append(f"{name} yaw = {value:g} {error}")
+        elif not low <= value <= high and not (axis == "yaw" and turns_freely(scene)):
+            errors.append(f"{name} {axis} = {value:g} {unit} is outside its bounds [{low:g}, {high:g}] {unit}")
+    if errors:
+        return errors
+    needed = planning_margin(settings)
+    distances = obstacle_clearances(scene, pose)
+    for number in np.unique(scene.obstacle_numbers):
+        distance = distances[scene.obstacle_numbers == number].min()
+        if distance < needed:
             where = "inside" if distance < 0 else f"{distance:.4f} m from"
-            raise BadInput(
+            errors.append(
                 f"{name} = {pose.tolist()} puts the torso {where} obstacle {number} (clearance {distance:.4f} m); "
-                f"at least {planning_margin(settings):g} m is needed"
+                f"at least {needed:g} m is needed"
             )
+    return errors

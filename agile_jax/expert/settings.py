@@ -7,8 +7,7 @@ from pydantic import AfterValidator, Field
 
 from agile_jax.expert.limits import MotionLimits
 from agile_jax.plugins import one_of
-from agile_jax.scene.settings import SceneSettings
-from agile_jax.settings import Count, NonNegative, Pose, PositivePose, Settings
+from agile_jax.settings import Count, NonNegative, PositivePose, Settings
 
 EXPERTS = ("minimum_time",)
 
@@ -55,15 +54,3 @@ class ExpertSettings(Settings):
     def limits(self) -> MotionLimits:
         """The bounds of velocity and acceleration as arrays."""
         return MotionLimits(np.array(self.velocity), np.array(self.acceleration))
-
-
-def check_scene(scene: SceneSettings, settings: ExpertSettings, targets: tuple[Pose, ...] = ()) -> None:
-    """Refuse targets, the scene's and those of `dataset.targets`, out of bounds or with less than the margin (BadInput,
-    which names the one): no plan could end there."""
-    from agile_jax.expert.feasible_poses import check_target
-    from agile_jax.scene.scene import make_scene
-
-    made = make_scene(scene)
-    check_target(made, settings)
-    for i, target in enumerate(targets):
-        check_target(made, settings, np.array(target), f"dataset.targets[{i}]")

@@ -43,10 +43,13 @@ def facing(scene: Scene, start: np.ndarray) -> Scene:
 
     Where the yaw may go round, it is the nearest to the start's, and the bounds include both; else nothing changes.
     """
+    if not turns_freely(scene) or not np.isfinite(start[YAW]):
+        return scene
     turns = np.round((start[YAW] - scene.target[YAW]) / (2 * np.pi))
-    if not turns_freely(scene) or not np.isfinite(turns) or turns == 0:
+    ends = start[YAW], scene.target[YAW]
+    if turns == 0 and scene.lower[YAW] <= min(ends) and max(ends) <= scene.upper[YAW]:
         return scene
     target, lower, upper = scene.target.copy(), scene.lower.copy(), scene.upper.copy()
     target[YAW] += 2 * np.pi * turns
-    lower[YAW], upper[YAW] = min(lower[YAW], target[YAW]), max(upper[YAW], target[YAW])
+    lower[YAW], upper[YAW] = min(lower[YAW], target[YAW], start[YAW]), max(upper[YAW], target[YAW], start[YAW])
     return scene._replace(target=target, lower=lower, upper=upper)

@@ -56,7 +56,8 @@ def sample_starts(
         out_of_bounds += int(outside[:last].sum())
         if attempted > 10_000 and len(poses) < 0.001 * attempted:
             raise BadInput(
-                f"scene.start: {len(poses)} of {attempted} starts are free (mean {list(mean)}, std {list(std)}, "
-                f"margin {margin} m); widen the bounds or move the starts away from the obstacles"
+                f"scene.start: {len(poses)} of {attempted} starts are free (mean {np.asarray(mean).tolist()}, std "
+                f"{np.asarray(std).tolist()}, margin {margin:g} m); widen the bounds or move the starts away from the "
+                "obstacles"
             )
     return Starts(poses, attempted, collisions, out_of_bounds)

@@ -33,7 +33,8 @@ def test_an_expert_with_a_target_is_the_expert_of_that_target(scene, planner):
         ([1.5, 0.0, 0.28, 0.0], r"goal = \[1.5, 0.0, 0.28, 0.0\] puts the torso inside obstacle 0"),
         ([2.04, 0.0, 0.28, 0.0], "0.0100 m from obstacle 0"),
         ([9.0, 0.0, 0.28, 0.0], r"goal x = 9 m is outside its bounds \[-1.5, 4.5\] m"),
-        ([0.0, 0.0, 0.28, 4.0], "goal yaw = 4 rad is outside"),
+        ([0.0, 0.0, 0.28, 90.0], r"goal yaw = 90 is more than a full turn \[rad\]; 90 degrees are 1\.571"),
+        ([9.0, -4.0, 9.0, 0.0], r"goal x = 9 m .*\ngoal y = -4 m .*\ngoal z = 9 m"),
         ([0.0, 0.0, np.nan, 0.0], "finite"),
         ([0.0, 0.0, 0.28], "4 finite numbers"),
     ],
@@ -50,7 +51,9 @@ BESIDE = {"kind": "box", "position": [1.5, 1.4, 0.2], "size": [0.4, 0.4, 0.4], "
 
 
 @pytest.mark.parametrize("obstacles", [[], [BESIDE]])
-@pytest.mark.parametrize(("start", "target"), [(3.0, -3.0), (-3.0, 3.0), (0.5, 2.0), (-3.1, 0.2), (3.1, -0.2)])
+@pytest.mark.parametrize(
+    ("start", "target"), [(3.0, -3.0), (-3.0, 3.0), (0.5, 2.0), (-3.1, 0.2), (3.1, -0.2), (3.3, 3.2), (0.5, 3.5)]
+)
 def test_it_turns_the_shorter_way_where_the_bounds_hold_a_circle(obstacles, start, target):
     scene = make_scene(SceneSettings(obstacles=obstacles, target=(0.3, 0.0, 0.28, target)))
     pose = np.array([0.0, 0.0, 0.28, start])

@@ -97,8 +97,9 @@ def test_hopeless_starts_are_refused():
 @pytest.mark.parametrize(
     ("change", "words"),
     [
-        ({"target": [1.5, 0.0, 0.28, 0.0]}, "inside an obstacle"),
-        ({"target": [9.0, 0.0, 0.28, 0.0]}, "outside the bounds"),
+        ({"target": [2.5, 0.0, 0.28, 45.0]}, "45 degrees are 0.7854"),
+        ({"obstacles": [TABLE | {"yaw": 90.0}]}, "90 degrees are 1.571"),
+        ({"lower": [5.0, -3.0, 0.155, -3.2]}, r"lower = 5.0 must be below upper = 4.5 for x"),
         ({"obstacles": [TABLE | {"size": [-0.5, 1.0]}]}, "greater than 0"),
         ({"obstacles": [TABLE | {"top": 0.1}]}, "must be above underside"),
         ({"obstacles": [TABLE | {"height": 0.1}]}, "Extra inputs"),
