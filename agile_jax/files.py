@@ -55,6 +55,15 @@ def write_json(path: pathlib.Path, value: Any) -> None:
     write_atomic(path, (json.dumps(value, indent=2, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
+def read_json(path: pathlib.Path) -> dict[str, Any] | None:
+    """A JSON object, or None when the file is missing, torn or something else."""
+    try:
+        value = json.loads(path.read_bytes())
+    except (FileNotFoundError, NotADirectoryError, ValueError):
+        return None
+    return value if isinstance(value, dict) else None
+
+
 def sha256(data: bytes) -> str:
     """The hexadecimal sha256 of `data`."""
     return hashlib.sha256(data).hexdigest()

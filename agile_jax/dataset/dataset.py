@@ -1,17 +1,18 @@
 """Reading a dataset: verified trajectories, split by trajectory, and the samples that a policy learns from."""
 
-import json
 import pathlib
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Bool, Float, Int, Shaped
 
 from agile_jax.dataset.settings import DatasetSettings
-from agile_jax.dataset.shard import RESIDUALS, SCHEMA, BadShardError, decode, settings_key
-from agile_jax.expert import ExpertSettings, Residuals, rejection
-from agile_jax.files import sha256
-from agile_jax.scene import POSE_SIZE, SceneSettings
+from agile_jax.dataset.shard import RESIDUALS, SCHEMA, check_shard
+from agile_jax.expert import Residuals, rejection
+from agile_jax.files import read_json, sha256
+from agile_jax.scene import POSE_SIZE
 from agile_jax.settings import BadInput
+from agile_jax.store.npz import Arrays, read_npz
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
@@ -23,21 +24,21 @@ GOLDEN = (5**0.5 - 1) / 2
 class Dataset(NamedTuple):
     """n verified trajectories of T intervals."""
 
-    indices: np.ndarray  # (n,) of the trajectories in the order of drawing; failed ones are missing
-    times: np.ndarray  # (n, T+1) [s]
-    states: np.ndarray  # (n, T+1, 8) [m, rad, m/s, rad/s]
-    controls: np.ndarray  # (n, T, 4), or (n, T+1, 4) at the nodes [m/s^2, rad/s^2]
-    starts: np.ndarray  # (n, 4) [m, rad]
-    targets: np.ndarray  # (n, 4) [m, rad]; where the yaw may go round, a trajectory may end full turns away from it
-    durations: np.ndarray  # (n,) [s]
-    lower_bounds: np.ndarray  # (n,) [s]
-    branches: np.ndarray  # (n,) names
+    indices: Int[np.ndarray, " n"]  # of the trajectories in the order of drawing; failed ones are missing
+    times: Float[np.ndarray, "n nodes"]  # [s]
+    states: Float[np.ndarray, "n nodes 8"]  # [m, rad, m/s, rad/s]
+    controls: Float[np.ndarray, "n controls 4"]  # one an interval, or one a node [m/s^2, rad/s^2]
+    starts: Float[np.ndarray, "n 4"]  # [m, rad]
+    targets: Float[np.ndarray, "n 4"]  # [m, rad]; where the yaw may go round, a trajectory may end full turns away
+    durations: Float[np.ndarray, " n"]  # [s]
+    lower_bounds: Float[np.ndarray, " n"]  # [s]
+    branches: Shaped[np.ndarray, " n"]  # names
     seed: int
     dataset_hash: str
 
 
-def accepted(arrays: dict[str, np.ndarray]) -> np.ndarray:
-    """Which labels of a shard are solved with residuals within the verifier's tolerances. Shape (n,)."""
+def accepted(arrays: Arrays) -> Bool[np.ndarray, " n"]:
+    """Which labels of a shard are solved with residuals within the verifier's tolerances."""
     residuals = zip(*(arrays[name] for name in RESIDUALS), strict=True)
     return arrays["solved"] & np.array([not rejection(Residuals(*r)) for r in residuals], bool)
 
@@ -57,27 +58,25 @@ def load(directory: pathlib.Path) -> Dataset:
             raise BadInput(
                 f"{directory / 'manifest.json'}: schema_version {manifest['schema_version']} is not {SCHEMA}"
             )
-        scene = SceneSettings.model_validate(manifest["settings"]["scene"])
-        expert = ExpertSettings.model_validate(manifest["settings"]["expert"])
-        settings = DatasetSettings.model_validate(manifest["settings"]["dataset"])
-        seed = int(manifest["settings"]["seed"])
-        digests = [(f"shard-{i:05d}.npz", str(entry["sha256"])) for i, entry in enumerate(manifest["shards"])]
-        dataset_hash = str(manifest["dataset_hash"])
+        key, seed, dataset_hash = str(manifest["key"]), int(manifest["seed"]), str(manifest["dataset_hash"])
+        entries = [(str(e["file"]), str(e["sha256"]), int(e["trajectories"])) for e in manifest["shards"]]
     except (KeyError, TypeError, ValueError) as error:
         raise BadInput(f"{directory / 'manifest.json'} is damaged ({type(error).__name__}: {error})") from None
-    key = settings_key(scene, expert, settings, seed)
     parts = []
-    for i, (name, digest) in enumerate(digests):
-        path = directory / name
+    for name, digest, count in entries:
         try:
-            data = path.read_bytes()
+            data = (directory / name).read_bytes()
             if sha256(data) != digest:
-                raise BadShardError("its sha256 is not the manifest's")
-            arrays = decode(data, expert, settings, key, i)
-        except (OSError, BadShardError) as error:
-            raise BadInput(f"{path}: {error}; the same command repairs it") from None
+                raise ValueError("its sha256 is not the manifest's")
+            arrays = read_npz(data)
+            if str(arrays.pop("key", "")) != key:
+                raise ValueError("made with other settings or another seed")
+            check_shard(arrays)
+        except (OSError, ValueError) as error:
+            raise BadInput(f"{directory / name}: {error}; the command that made it repairs it") from None
+        arrays = {name: rows[:count] for name, rows in arrays.items()}
         keep = accepted(arrays)
-        parts.append({name: array[keep] for name, array in arrays.items() if array.ndim})
+        parts.append({name: rows[keep] for name, rows in arrays.items()})
     whole = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     return Dataset(
         indices=whole["index"],
@@ -96,15 +95,12 @@ def load(directory: pathlib.Path) -> Dataset:
 
 def read_manifest(directory: pathlib.Path) -> dict[str, Any] | None:
     """The manifest, or None when there is none that can be read."""
-    try:
-        manifest = json.loads((directory / "manifest.json").read_text())
-    except (OSError, ValueError):
-        return None
-    return manifest if isinstance(manifest, dict) and isinstance(manifest.get("shards"), list) else None
+    manifest = read_json(directory / "manifest.json")
+    return manifest if manifest is not None and isinstance(manifest.get("shards"), list) else None
 
 
-def labels_to(dataset: Dataset, target: np.ndarray) -> Dataset:
-    """The trajectories that lead to one target, shape (4,).
+def labels_to(dataset: Dataset, target: Float[np.ndarray, "4"]) -> Dataset:
+    """The trajectories that lead to one target [m, rad].
 
     Raises:
         BadInput: there is none.
@@ -121,8 +117,8 @@ def labels_to(dataset: Dataset, target: np.ndarray) -> Dataset:
     )
 
 
-def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.ndarray:
-    """Which trajectories belong to a split, shape (n,).
+def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> Bool[np.ndarray, " n"]:
+    """Which trajectories belong to a split.
 
     A pure function of (seed, trajectory index), whatever else is in the dataset: a golden-ratio sequence with an
     offset from the seed, which keeps the fractions in every stretch of indices.
@@ -135,8 +131,8 @@ def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.
     return (position >= edges[i]) & (position < upper)
 
 
-def labels(dataset: Dataset, settings: DatasetSettings) -> np.ndarray:
-    """What is learned at each node, shape (n, T+1, 4): velocities [m/s, rad/s], or displacements to the next node
+def labels(dataset: Dataset, settings: DatasetSettings) -> Float[np.ndarray, "n nodes 4"]:
+    """What is learned at each node: velocities [m/s, rad/s], or displacements to the next node
     [m, rad]."""
     if settings.label_kind == "velocity":
         return dataset.states[..., POSE_SIZE:]
@@ -144,8 +140,10 @@ def labels(dataset: Dataset, settings: DatasetSettings) -> np.ndarray:
     return np.diff(poses, axis=1, append=poses[:, -1:])
 
 
-def samples(dataset: Dataset, split: Split, settings: DatasetSettings) -> tuple[np.ndarray, np.ndarray]:
-    """The samples of a split: poses (m, 4) [m, rad] and their labels (m, 4) as `labels` has them."""
+def samples(
+    dataset: Dataset, split: Split, settings: DatasetSettings
+) -> tuple[Float[np.ndarray, "m 4"], Float[np.ndarray, "m 4"]]:
+    """The samples of a split: poses [m, rad] and their labels as `labels` has them."""
     poses, targets = dataset.states[..., :POSE_SIZE], labels(dataset, settings)
     keep = np.broadcast_to(split_mask(dataset, split, settings)[:, None], poses.shape[:2])
     if settings.split_by == "sample":
@@ -155,8 +153,8 @@ def samples(dataset: Dataset, split: Split, settings: DatasetSettings) -> tuple[
     return poses[keep], targets[keep]
 
 
-def _sample_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> np.ndarray:
-    """Which samples belong to a split when they are dealt out one by one, shape (n, T+1); a function of the seed."""
+def _sample_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> Bool[np.ndarray, "n nodes"]:
+    """Which samples belong to a split when they are dealt out one by one; a function of the seed."""
     shape = dataset.states.shape[:2]
     sequence = np.random.SeedSequence((dataset.seed, SAMPLE_STREAM))
     order = np.random.Generator(np.random.Philox(sequence)).permutation(np.prod(shape))

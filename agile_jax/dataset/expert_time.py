@@ -7,21 +7,18 @@ tolerance for good, as well as with the time of the whole path.
 
 import pathlib
 import tempfile
-from collections.abc import Callable
-from contextlib import AbstractContextManager
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
-from agile_jax.engine import Engine
 from agile_jax.expert import Expert, ExpertSettings, ExpertSolution, make_expert
 from agile_jax.expert.verify import dense_poses
-from agile_jax.files import hash_json, sha256
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import SceneSettings, arrival_time, make_scene
-from agile_jax.store.parts import Arrays, complete_parts
+from agile_jax.store.artefact import EXPERT_TIMES, Artefact, key
+from agile_jax.store.parts import Made, OpenEngine, Parts, complete, row_items
 
 CHUNK = 100  # starts a task
 CHUNK_TIME_LIMIT_S = 300.0  # after which a task counts as hung
@@ -29,7 +26,7 @@ NAME_LENGTH = 480  # of a branch, or of the cause of a failure
 NO_PATH_LIMIT = 20.0  # [s]
 POINTS = 12  # at which the path is looked at inside each interval
 
-TimesTask = tuple[SceneSettings, ExpertSettings, np.ndarray]
+SolveTask = tuple[SceneSettings, ExpertSettings, Float[np.ndarray, "n 4"]]
 
 
 class ExpertTimes(NamedTuple):
@@ -61,24 +58,30 @@ def expert_of(scene: SceneSettings, settings: ExpertSettings) -> Expert:
     return make_expert(make_scene(scene), settings)
 
 
-def solve_times(task: TimesTask) -> Arrays:
+def solve_key(artefact: Artefact, scene: SceneSettings, expert: ExpertSettings) -> str:
+    """The key of solves from given starts."""
+    return key(artefact, {"scene": scene.model_dump(mode="json"), "expert": expert.model_dump(mode="json")})
+
+
+def solve_times(task: SolveTask) -> Made:
     """The columns of `ExpertTimes` for a few starts. Runs in a worker."""
     scene, settings, starts = task
     target = make_scene(scene).target
     solutions = [expert_of(scene, settings).solve(start, initial_velocity="rest") for start in starts]
     names = [(s.branch if s.status == "solved" else s.cause)[:NAME_LENGTH] for s in solutions]
-    return {
+    columns = {
         "duration": np.array([s.duration if s.status == "solved" else np.nan for s in solutions]),
         "arrival": np.array([solution_arrival(s, target, settings.transcription) for s in solutions]),
         "branch": np.array(names, dtype=f"U{NAME_LENGTH}"),
     }
+    return Made(columns)
 
 
 def expert_times(
     scene: SceneSettings,
     expert: ExpertSettings,
-    starts: np.ndarray,
-    engine: Callable[[], AbstractContextManager[Engine]],
+    starts: Float[np.ndarray, "n 4"],
+    engine: OpenEngine,
     directory: pathlib.Path | None = None,
     progress: Progress = silent,
 ) -> ExpertTimes:
@@ -86,7 +89,7 @@ def expert_times(
 
     Args:
         scene, expert: settings.
-        starts: shape (n, 4) [m, rad].
+        starts: poses [m, rad].
         engine: opens the work engine.
         directory: keeps what is solved, so that a killed stage goes on; None keeps nothing.
         progress: is told of every hundred.
@@ -94,11 +97,10 @@ def expert_times(
     Raises:
         TasksFailedError: a worker failed for good.
     """
-    key = hash_json(
-        [scene.model_dump(mode="json"), expert.model_dump(mode="json"), sha256(np.asarray(starts, float).tobytes())]
-    )
-    tasks = [(scene, expert, starts[i : i + CHUNK]) for i in range(0, len(starts), CHUNK)]
     with tempfile.TemporaryDirectory(prefix="agile-times-") as scratch:
         where = pathlib.Path(scratch) if directory is None else directory
-        arrays, _ = complete_parts(where, key, solve_times, tasks, engine, CHUNK_TIME_LIMIT_S, progress)
+        parts = Parts(where, EXPERT_TIMES.name, solve_key(EXPERT_TIMES, scene, expert), row_items(starts), CHUNK)
+        limit = CHUNK_TIME_LIMIT_S
+        complete(parts, solve_times, lambda i: (scene, expert, starts[i]), engine, limit, progress, "expert times")
+        arrays = parts.arrays()
     return ExpertTimes(arrays["duration"], arrays["arrival"], arrays["branch"].tolist())

@@ -4,75 +4,71 @@ seed and index.
 Solve times are therefore not inside. Failed labels are kept with their cause; their arrays are zero.
 """
 
-import io
+import pathlib
 import time
-import zipfile
+from collections.abc import Mapping
 from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.starts import draw_start
 from agile_jax.expert import Expert, ExpertSettings, ExpertSolution, Residuals, make_expert
-from agile_jax.files import hash_json
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene
+from agile_jax.store.artefact import LABELS, key
+from agile_jax.store.npz import Arrays
+from agile_jax.store.parts import Made, Parts
 
 SCHEMA = 4
-NO_LABEL = {"trajectories", "split", "split_by", "label_kind", "samples", "start_seconds"}
 CAUSE_LENGTH, BRANCH_LENGTH, METHOD_LENGTH = 480, 48, 24
 RESIDUALS = Residuals._fields
 NUMBERS = ("duration", "lower_bound", "gap", "objective", *RESIDUALS)
+_KINDS = {"index": "i", "draws": "i", "solved": "b", "branch": "U", "method": "U", "cause": "U"}  # others are floats
 
 
-class BadShardError(ValueError):
-    """The file is not the shard that it should be. The text says why."""
-
-
-class ShardTask(NamedTuple):
-    """What a worker needs to make one shard."""
+class LabelSettings(NamedTuple):
+    """What labels are made from."""
 
     scene: SceneSettings
     expert: ExpertSettings
     dataset: DatasetSettings
     seed: int
-    shard: int
+
+    def tables(self) -> dict[str, object]:
+        """As plain tables, as an experiment has them."""
+        sections = {"scene": self.scene, "expert": self.expert, "dataset": self.dataset}
+        return {"seed": self.seed} | {name: part.model_dump(mode="json") for name, part in sections.items()}
+
+    def target(self, index: int) -> Float[np.ndarray, "4"]:
+        """The target of a trajectory [m, rad]: the settings' in turn, the scene's if they have none."""
+        targets = self.dataset.targets or (self.scene.target,)
+        return np.array(targets[index % len(targets)])
 
 
-class ShardResult(NamedTuple):
-    """A shard's bytes and what must not be part of them."""
+class ShardTask(NamedTuple):
+    """What a worker needs to make labels of one shard."""
 
-    data: bytes
-    solve_times: tuple[float, ...]  # [s] per trajectory
-    seconds: float  # the task took
+    settings: LabelSettings
+    indices: tuple[int, ...]  # of the trajectories
 
 
-def settings_key(scene: SceneSettings, expert: ExpertSettings, dataset: DatasetSettings, seed: int) -> str:
-    """The hash that a shard carries; the number of trajectories is left out, so that a dataset can grow."""
-    sections = {"scene": scene, "expert": expert, "dataset": dataset}
-    return hash_json(
-        {
-            "schema": SCHEMA,
-            "seed": seed,
-            **{name: section.model_dump(mode="json", exclude=NO_LABEL) for name, section in sections.items()},
-        }
+def labels_at(
+    directory: pathlib.Path, settings: LabelSettings, listed: Mapping[str, tuple[int, str]] | None = None
+) -> Parts:
+    """The labels of a dataset, as far as they are there; `listed`: rows and sha256 of the files in its manifest."""
+    return Parts(
+        directory,
+        LABELS.name,
+        key(LABELS, settings.tables()),
+        np.arange(settings.dataset.trajectories),
+        settings.dataset.shard_size,
+        name="shard",
+        item_name="index",
+        check=check_shard,
+        listed=listed,
     )
-
-
-def trajectory_range(settings: DatasetSettings, index: int) -> range:
-    """Indices of the trajectories in shard `index`."""
-    return range(index * settings.shard_size, min((index + 1) * settings.shard_size, settings.trajectories))
-
-
-def target_of(scene: SceneSettings, settings: DatasetSettings, index: int) -> np.ndarray:
-    """The target of trajectory `index`, shape (4,) [m, rad]: the settings' in turn, the scene's if they have none."""
-    targets = settings.targets or (scene.target,)
-    return np.array(targets[index % len(targets)])
-
-
-def shard_count(settings: DatasetSettings) -> int:
-    """How many shards a dataset has."""
-    return -(-settings.trajectories // settings.shard_size)
 
 
 @lru_cache(maxsize=2)
@@ -82,25 +78,34 @@ def _expert(scene: SceneSettings, settings: ExpertSettings) -> tuple[Scene, Expe
     return made, make_expert(made, settings)
 
 
-def make_shard(task: ShardTask) -> ShardResult:
-    """Draw the starts of a shard and solve them."""
+def make_shard(task: ShardTask) -> Made:
+    """Draw the starts of some labels and solve them. Runs in a worker."""
     began = time.perf_counter()
-    scene, expert = _expert(task.scene, task.expert)
+    settings = task.settings
+    scene, expert = _expert(settings.scene, settings.expert)
     solutions: list[ExpertSolution] = []
     starts, targets, accounts = [], [], []
-    for i in trajectory_range(task.dataset, task.shard):
-        target = target_of(task.scene, task.dataset, i)
-        drawn = draw_start(scene._replace(target=target), task.scene, task.expert, task.dataset, task.seed, i)
+    for i in task.indices:
+        target = settings.target(i)
+        world = scene._replace(target=target)
+        drawn = draw_start(world, settings.scene, settings.expert, settings.dataset, settings.seed, i)
         starts.append(drawn.poses[0])
         targets.append(target)
         accounts.append((drawn.attempted, drawn.rejected_collision, drawn.rejected_bounds))
         solutions.append(expert.solve(drawn.poses[0], target=target))
     arrays = {
-        "key": np.array(settings_key(task.scene, task.expert, task.dataset, task.seed)),
-        "index": np.array(trajectory_range(task.dataset, task.shard), dtype=np.int64),
         "start": np.array(starts),
         "target": np.array(targets),
         "draws": np.array(accounts, dtype=np.int64),
+        **rows_of(solutions),
+    }
+    times = [round(1e3 * s.solve_time_s, 3) for s in solutions]
+    return Made(arrays, {"seconds": time.perf_counter() - began, "solve_ms": times})
+
+
+def rows_of(solutions: list[ExpertSolution]) -> Arrays:
+    """The columns of a shard that tell of solutions."""
+    return {
         "times": np.stack([s.trajectory.times for s in solutions]),
         "states": np.stack([s.trajectory.states for s in solutions]),
         "controls": np.stack([s.trajectory.controls for s in solutions]),
@@ -110,59 +115,30 @@ def make_shard(task: ShardTask) -> ShardResult:
         "cause": np.array([s.cause[:CAUSE_LENGTH] for s in solutions], dtype=f"U{CAUSE_LENGTH}"),
         **{name: np.array([getattr(s, name) for s in solutions], float) for name in NUMBERS},
     }
-    times = tuple(s.solve_time_s for s in solutions)
-    return ShardResult(encode(arrays), times, time.perf_counter() - began)
 
 
-def encode(arrays: dict[str, np.ndarray]) -> bytes:
-    """An npz file; numpy stamps its members with a constant date, so equal arrays give equal bytes."""
-    buffer = io.BytesIO()
-    np.savez(buffer, allow_pickle=False, **arrays)
-    return buffer.getvalue()
-
-
-def decode(
-    data: bytes, expert: ExpertSettings, dataset: DatasetSettings, key: str, index: int
-) -> dict[str, np.ndarray]:
-    """The arrays in a shard's bytes, never unpickled.
-
-    Raises:
-        BadShardError: damaged, or not shard `index` of the dataset with this key.
-    """
-    try:
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, SyntaxError) as error:
-        raise BadShardError(f"unreadable ({type(error).__name__}: {error})") from None
-    indices = trajectory_range(dataset, index)
-    n, t = len(indices), expert.nodes
-    shapes: dict[str, tuple[tuple[int, ...], str]] = {
-        "key": ((), "U"),
-        "index": ((n,), "i"),
-        "start": ((n, POSE_SIZE), "f"),
-        "target": ((n, POSE_SIZE), "f"),
-        "draws": ((n, 3), "i"),
-        "times": ((n, t + 1), "f"),
-        "states": ((n, t + 1, 2 * POSE_SIZE), "f"),
-        "controls": ((n, t + (expert.transcription != "zoh"), POSE_SIZE), "f"),
-        "solved": ((n,), "b"),
-        "branch": ((n,), "U"),
-        "method": ((n,), "U"),
-        "cause": ((n,), "U"),
-        **{name: ((n,), "f") for name in NUMBERS},
+def check_shard(rows: Arrays) -> None:
+    """Refuse rows that no labels can have (ValueError): a missing array, wrong shapes, numbers that are not finite."""
+    n, nodes = rows["index"].shape[0], rows["times"].shape[-1] if "times" in rows else 0
+    shapes: dict[str, tuple[int, ...]] = {
+        "start": (n, POSE_SIZE),
+        "target": (n, POSE_SIZE),
+        "draws": (n, 3),
+        "times": (n, nodes),
+        "states": (n, nodes, 2 * POSE_SIZE),
+        **dict.fromkeys(("index", "solved", "branch", "method", "cause", *NUMBERS), (n,)),
     }
-    for name, (shape, kind) in shapes.items():
-        if name not in arrays:
-            raise BadShardError(f"array {name} is missing")
-        array = arrays[name]
-        if array.shape != shape or array.dtype.kind != kind:
-            raise BadShardError(
-                f"array {name} has shape {array.shape} and type {array.dtype}, not {shape} and kind {kind}"
-            )
+    for name in (*shapes, "controls"):
+        if name not in rows:
+            raise ValueError(f"array {name} is missing")
+        array, kind = rows[name], _KINDS.get(name, "f")
+        fits = array.shape == shapes[name] if name in shapes else array.shape in _control_shapes(n, nodes)
+        if not fits or array.dtype.kind != kind:
+            raise ValueError(f"array {name} has shape {array.shape} and type {array.dtype}")
         if kind == "f" and name != "min_clearance" and not np.isfinite(array).all():
-            raise BadShardError(f"array {name} holds values that are not finite")
-    if str(arrays["key"]) != key:
-        raise BadShardError("made with other settings or another seed")
-    if not np.array_equal(arrays["index"], indices):
-        raise BadShardError("holds other trajectories")
-    return arrays
+            raise ValueError(f"array {name} holds values that are not finite")
+
+
+def _control_shapes(n: int, nodes: int) -> tuple[tuple[int, ...], ...]:
+    """One control an interval, or one a node."""
+    return (n, nodes - 1, POSE_SIZE), (n, nodes, POSE_SIZE)

@@ -1,36 +1,50 @@
-"""NPZ files: written whole or not at all, read without unpickling, and refused as one error where they are damaged."""
+"""Named arrays in npz files: the one place that writes and reads them. Never unpickled; damage is one exception."""
 
 import io
 import pathlib
 import zipfile
+import zlib
 from collections.abc import Mapping
 
 import numpy as np
-from jaxtyping import Shaped
 
 from agile_jax.files import write_atomic
 
-DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, NotImplementedError, SyntaxError)
-"""What NumPy and zipfile raise of a file that is missing, torn or something else."""
+Arrays = dict[str, np.ndarray]
+_DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, SyntaxError)
 
 
-def npz_bytes(arrays: Mapping[str, Shaped[np.ndarray, "..."]]) -> bytes:
-    """The content of an NPZ file with these arrays; equal arrays give equal bytes."""
+class NpzError(ValueError):
+    """Not an npz file of plain arrays, or a damaged one. The text says why, in one line."""
+
+
+def npz_bytes(arrays: Mapping[str, np.ndarray]) -> bytes:
+    """An npz file; NumPy stamps its members with a constant date, so equal arrays give equal bytes."""
     buffer = io.BytesIO()
     np.savez(buffer, allow_pickle=False, **arrays)
     return buffer.getvalue()
 
 
-def write_npz(path: pathlib.Path, arrays: Mapping[str, Shaped[np.ndarray, "..."]]) -> None:
-    """Write the arrays, by name, to a file that is never half there."""
+def write_npz(path: pathlib.Path, arrays: Mapping[str, np.ndarray]) -> None:
+    """Write named arrays atomically.
+
+    Raises:
+        OSError: the disk is full or the folder cannot be written; the old file is intact.
+    """
     write_atomic(path, npz_bytes(arrays))
 
 
-def read_npz(path: pathlib.Path) -> dict[str, Shaped[np.ndarray, "..."]]:
-    """All arrays of a file, by name.
+def read_npz(source: pathlib.Path | bytes) -> Arrays:
+    """All arrays of a file, or of a file's bytes; zip checks their sums.
 
     Raises:
-        One of DAMAGE: it is missing, damaged or no NPZ file.
+        NpzError: missing, damaged, or holding something else than plain arrays.
     """
-    with np.load(path, allow_pickle=False) as file:
-        return {name: file[name] for name in file.files}
+    try:
+        file = np.load(io.BytesIO(source) if isinstance(source, bytes) else source, allow_pickle=False)
+        if isinstance(file, np.ndarray):
+            raise ValueError("one array, not an archive of named ones")
+        with file:
+            return {name: file[name] for name in file.files}
+    except _DAMAGE as error:
+        raise NpzError(f"unreadable ({type(error).__name__}: {' '.join(str(error).split())})") from None

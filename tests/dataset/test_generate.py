@@ -16,12 +16,13 @@ import pytest
 from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
 
 from agile_jax.dataset import DatasetSettings, IncompleteDatasetError, generate, load
-from agile_jax.dataset.shard import ShardTask, make_shard
+from agile_jax.dataset.shard import LabelSettings, ShardTask, make_shard
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings, verify
 from agile_jax.files import sha256
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.settings import BadInput
+from agile_jax.store.npz import npz_bytes
 
 
 def closed_engine():
@@ -76,11 +77,13 @@ def test_bytes_do_not_depend_on_the_engine(reference, tmp_path, workers):
 
 def test_bytes_do_not_depend_on_time_or_order(reference):
     time.sleep(2.1)  # zip files keep dates to two seconds
-    for index in (2, 0):
-        assert (
-            make_shard(ShardTask(SCENE, EXPERT, DATASET, SEED, index)).data
-            == shard_bytes(reference[0])[f"shard-{index:05d}.npz"]
-        )
+    settings = LabelSettings(SCENE, EXPERT, DATASET, SEED)
+    for shard in (2, 0):
+        members = range(3 * shard, 3 * shard + 3)
+        rows = make_shard(ShardTask(settings, tuple(members))).arrays
+        key = np.array(json.loads((reference[0] / "manifest.json").read_text())["key"])
+        data = npz_bytes({"key": key, "index": np.array(members), **rows})
+        assert data == shard_bytes(reference[0])[f"shard-{shard:05d}.npz"]
 
 
 def test_second_call_computes_nothing(copy, reference):
@@ -204,14 +207,14 @@ def test_dataset_grows_by_what_is_missing(copy, reference):
 
         def map(self, function, tasks, time_limit_s=None):
             for i, task in enumerate(tasks):
-                made.append(task.shard)
+                made.append(task.indices)
                 yield i, function(task)
 
     import contextlib
 
     longer = DATASET.model_copy(update={"trajectories": 14})
     summary = make(copy, lambda: contextlib.nullcontext(Counting()), dataset=longer)
-    assert made == [3, 4]  # the last one was not full
+    assert made == [(10, 11), (12, 13)]  # the last shard was not full
     assert summary["attempted"] == 14
     assert {name: shard_bytes(copy)[name] for name in sorted(before)[:3]} == {
         name: before[name] for name in sorted(before)[:3]
@@ -226,11 +229,11 @@ def test_failed_tasks_are_named_and_the_others_kept(tmp_path):
             from agile_jax.engine import TaskFailure
 
             for i, task in enumerate(tasks):
-                yield i, (TaskFailure(i, "KilledWorker: too bad") if task.shard == 1 else function(task))
+                yield i, (TaskFailure(i, "KilledWorker: too bad") if task.indices[0] == 3 else function(task))
 
     import contextlib
 
-    with pytest.raises(IncompleteDatasetError, match="shard 1: KilledWorker"):
+    with pytest.raises(IncompleteDatasetError, match=r"shard-00001\.npz: KilledWorker"):
         make(tmp_path, lambda: contextlib.nullcontext(Failing()))
     assert sorted(shard_bytes(tmp_path)) == ["shard-00000.npz", "shard-00002.npz", "shard-00003.npz"]
     assert not (tmp_path / "manifest.json").exists()
