@@ -83,6 +83,7 @@ def overview() -> str:
             "",
             "`agile COMMAND --help` lists the options, `agile COMMAND EXPERIMENT.toml --help` with that file's values.",
             "Every setting of an experiment is an option, for example --training.learning-rate 0.1.",
+            "Own experts, policies, controllers and obstacles: --plugin MODULE (docs/extending.md).",
             "The same command goes on where an earlier one stopped. `agile --version` prints the version.",
         ]
     )
@@ -102,10 +103,29 @@ def _dispatch(name: str, argv: list[str]) -> int:
         prepare_libraries()
     if name in SIMULATING:
         check_opengl()
+    argv = _load_plugins(argv)
     from agile_jax.cli import commands
 
     code: int = getattr(commands, name)(argv)
     return code
+
+
+def _load_plugins(argv: list[str]) -> list[str]:
+    """Load the plugins that `--plugin MODULE` names, as often as it stands there; returns the other arguments."""
+    modules, rest, waiting = [], [], iter(argv)
+    for argument in waiting:
+        option, equals, value = argument.partition("=")
+        if option != "--plugin":
+            rest.append(argument)
+        elif value or (value := "" if equals else next(waiting, "")):
+            modules.append(value)
+        else:
+            raise BadInput("--plugin needs the name of a Python module, or the path of a .py file")
+    if modules:
+        from agile_jax import plugins
+
+        plugins.load(modules)
+    return rest
 
 
 def _say(text: str, code: int) -> int:

@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, model_validator
+from pydantic import AfterValidator, Field, SerializeAsAny, WrapValidator, model_validator
 
-from agile_jax.plugins import one_of
+from agile_jax.plugins import by_kind, one_of
 from agile_jax.settings import Count, NonNegative, Positive, PositiveVector3, Settings
 
 NonNegativeVector3 = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
@@ -112,3 +112,6 @@ class ControlSettings(Settings):
         if abs(ratio - round(ratio)) > 1e-9 or ratio < 1:
             raise ValueError(f"plan_dt = {self.plan_dt} must be a multiple of control_dt = {self.control_dt}")
         return self
+
+
+AnyControl = Annotated[SerializeAsAny[ControlSettings], WrapValidator(by_kind("controller", *CONTROLLERS))]

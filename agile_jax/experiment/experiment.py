@@ -10,9 +10,9 @@ from collections.abc import Mapping
 from typing import Annotated, Any
 
 import tomli_w
-from pydantic import Field, SerializeAsAny, WrapValidator, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
-from agile_jax.control.settings import CONTROLLERS, ControlSettings
+from agile_jax.control.settings import AnyControl, ControlSettings
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment.check import check
@@ -20,10 +20,9 @@ from agile_jax.experiment.file import Table, origin, override, read_table
 from agile_jax.experiment.moved import moved
 from agile_jax.experiment.robot_path import resolve_robot_paths
 from agile_jax.experiment.validation import validate
-from agile_jax.expert.settings import EXPERTS, ExpertSettings
+from agile_jax.expert.settings import AnyExpert, ExpertSettings
 from agile_jax.files import hash_json, sha256
-from agile_jax.plugins import by_kind
-from agile_jax.policy.settings import POLICIES, PolicySettings
+from agile_jax.policy.settings import AnyPolicy, PolicySettings
 from agile_jax.report.settings import ReportSettings
 from agile_jax.robot.settings import OWN, RobotSettings
 from agile_jax.scene.settings import SceneSettings
@@ -54,11 +53,11 @@ class Experiment(Settings):
     """Seed of everything random."""
     scene: SceneSettings = SceneSettings()
     """The world of the plan: target, obstacles, torso, starts, bounds."""
-    expert: Annotated[SerializeAsAny[ExpertSettings], WrapValidator(by_kind("expert", *EXPERTS))] = ExpertSettings()
+    expert: AnyExpert = ExpertSettings()
     """The optimal control problem and how it is solved."""
     dataset: DatasetSettings = DatasetSettings()
     """The labels, and which samples the policy sees of them."""
-    policy: Annotated[SerializeAsAny[PolicySettings], WrapValidator(by_kind("policy", *POLICIES))] = PolicySettings()
+    policy: AnyPolicy = PolicySettings()
     """What the policy is: kind and network."""
     training: TrainingSettings = TrainingSettings()
     """How the network is fitted."""
@@ -68,9 +67,7 @@ class Experiment(Settings):
     """Rounds of dataset aggregation."""
     robot: RobotSettings = RobotSettings()
     """Which robot."""
-    control: Annotated[SerializeAsAny[ControlSettings], WrapValidator(by_kind("controller", *CONTROLLERS))] = (
-        ControlSettings()
-    )
+    control: AnyControl = ControlSettings()
     """The whole-body controller: gait, MPC, swing legs."""
     evaluation: EvaluationSettings = EvaluationSettings()
     """Episodes of the closed loop."""

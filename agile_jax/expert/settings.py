@@ -3,10 +3,10 @@
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, SerializeAsAny, WrapValidator
 
 from agile_jax.expert.limits import MotionLimits
-from agile_jax.plugins import one_of
+from agile_jax.plugins import by_kind, one_of
 from agile_jax.settings import Count, NonNegative, PositivePose, Settings
 
 EXPERTS = ("minimum_time",)
@@ -54,3 +54,6 @@ class ExpertSettings(Settings):
     def limits(self) -> MotionLimits:
         """The bounds of velocity and acceleration as arrays."""
         return MotionLimits(np.array(self.velocity), np.array(self.acceleration))
+
+
+AnyExpert = Annotated[SerializeAsAny[ExpertSettings], WrapValidator(by_kind("expert", *EXPERTS))]

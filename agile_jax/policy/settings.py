@@ -2,9 +2,9 @@
 
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, SerializeAsAny, WrapValidator
 
-from agile_jax.plugins import one_of
+from agile_jax.plugins import by_kind, one_of
 from agile_jax.settings import Count, Positive, Settings
 
 HiddenLayers = Annotated[tuple[Count, ...], Field(strict=False, min_length=1)]
@@ -41,3 +41,6 @@ class PolicySettings(Settings):
     """Limit the speed towards obstacles to what can be braked (speed_filter.py)."""
     filter_margin: Positive = 0.02
     """Clearance below which the field no longer approaches [m]; less than the labels' expert.clearance_margin."""
+
+
+AnyPolicy = Annotated[SerializeAsAny[PolicySettings], WrapValidator(by_kind("policy", *POLICIES))]
