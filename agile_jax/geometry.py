@@ -5,27 +5,53 @@ code share one definition. A box here is a vertical prism: a rectangle in the pl
 of heights.
 """
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
+from jaxtyping import Float
 
-Array = Any  # numpy.ndarray or jax.Array
+from agile_jax.arrays import AnyArray
 
 
-def wrap_angle(angle: Array, xp: Any = np) -> Array:
+def wrap_angle(angle: Float[AnyArray, "*shape"] | float, xp: ModuleType = np) -> Float[AnyArray, "*shape"]:
     """The same angle in [-pi, pi) [rad]."""
     return xp.mod(angle + xp.pi, 2 * xp.pi) - xp.pi
 
 
-def rotation_2d(yaw: Array, xp: Any = np) -> Array:
-    """Rotation by `yaw` [rad] in the plane. Shape (..., 2, 2)."""
+def rotation_2d(yaw: Float[AnyArray, "*shape"] | float, xp: ModuleType = np) -> Float[AnyArray, "*shape 2 2"]:
+    """The matrix of the rotation by `yaw` [rad] in the plane."""
     c, s = xp.cos(yaw), xp.sin(yaw)
     return xp.stack([xp.stack([c, -s], -1), xp.stack([s, c], -1)], -2)
 
 
+def support(
+    half: Float[AnyArray, "2"],
+    normal: Float[AnyArray, "*#shape 2"],
+    yaw: Float[AnyArray, "*#shape"] | float,
+    xp: ModuleType = np,
+) -> Float[AnyArray, "*shape"]:
+    """How far a rectangle reaches from its centre along a direction in the plane [m].
+
+    Args:
+        half: half sizes along the rectangle's own axes [m].
+        normal: the direction, a unit vector.
+        yaw: orientation of the rectangle [rad].
+        xp: numpy or jax.numpy.
+    """
+    c, s = xp.cos(yaw), xp.sin(yaw)
+    along, across = c * normal[..., 0] + s * normal[..., 1], c * normal[..., 1] - s * normal[..., 0]
+    return half[0] * xp.abs(along) + half[1] * xp.abs(across)
+
+
 def rectangle_distance(
-    center_a: Array, half_a: Array, yaw_a: Array, center_b: Array, half_b: Array, yaw_b: Array, xp: Any = np
-) -> Array:
+    center_a: Float[AnyArray, "*#shape 2"],
+    half_a: Float[AnyArray, "*#shape 2"],
+    yaw_a: Float[AnyArray, "*#shape"] | float,
+    center_b: Float[AnyArray, "*#shape 2"],
+    half_b: Float[AnyArray, "*#shape 2"],
+    yaw_b: Float[AnyArray, "*#shape"] | float,
+    xp: ModuleType = np,
+) -> Float[AnyArray, "*shape"]:
     """Exact signed distance of two rectangles in the plane [m].
 
     Positive: the Euclidean distance. Negative: minus the penetration depth, the shortest translation that parts them.
@@ -33,18 +59,15 @@ def rectangle_distance(
     reached along an edge normal of one of them (separating axis theorem).
 
     Args:
-        center_a, center_b: centres, shape (..., 2) [m].
-        half_a, half_b: half sizes along the rectangle's own axes, shape (..., 2) [m].
-        yaw_a, yaw_b: orientation, shape (...) [rad].
+        center_a, center_b: centres of the rectangles [m].
+        half_a, half_b: half sizes along the rectangle's own axes [m].
+        yaw_a, yaw_b: orientations [rad].
         xp: numpy or jax.numpy.
-
-    Returns:
-        Shape (...).
     """
     apart = center_b - center_a
     turn = yaw_b - yaw_a
 
-    def one_way(yaw: Array, half: Array, other_half: Array, sign: float) -> tuple[Array, Array]:
+    def one_way(yaw: AnyArray, half: AnyArray, other_half: AnyArray, sign: float) -> tuple[AnyArray, AnyArray]:
         """Gap along the edge normals of one rectangle, and the squared distance of the other's vertices to it, in the
         frame of the one, where the other is turned by sign * turn and lies in the direction sign * apart."""
         c, s = xp.cos(yaw), xp.sin(yaw)
@@ -71,15 +94,17 @@ def rectangle_distance(
     return xp.where(gap > 0, distance, gap)
 
 
-def prism_distance(planar: Array, vertical: Array, xp: Any = np) -> Array:
+def prism_distance(
+    planar: Float[AnyArray, "*#shape"], vertical: Float[AnyArray, "*#shape"], xp: ModuleType = np
+) -> Float[AnyArray, "*shape"]:
     """Exact signed distance of two vertical prisms from the signed distances of bases and of heights [m]."""
     apart = xp.maximum(planar, 0.0) ** 2 + xp.maximum(vertical, 0.0) ** 2
     largest = xp.maximum(planar, vertical)
     return xp.where(largest > 0, xp.sqrt(xp.where(largest > 0, apart, 1.0)), largest)
 
 
-def quaternion_to_matrix(quaternion: Array, xp: Any = np) -> Array:
-    """Rotation matrix of a unit quaternion wxyz. Shape (..., 4) to (..., 3, 3)."""
+def quaternion_to_matrix(quaternion: Float[AnyArray, "*shape 4"], xp: ModuleType = np) -> Float[AnyArray, "*shape 3 3"]:
+    """The rotation matrix of a unit quaternion wxyz."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
     rows = [
         [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
@@ -89,8 +114,8 @@ def quaternion_to_matrix(quaternion: Array, xp: Any = np) -> Array:
     return xp.stack([xp.stack(row, -1) for row in rows], -2)
 
 
-def quaternion_to_rpy(quaternion: Array, xp: Any = np) -> Array:
-    """Roll, pitch, yaw (R = Rz(yaw) Ry(pitch) Rx(roll)) of a unit quaternion wxyz. Shape (..., 4) to (..., 3) [rad]."""
+def quaternion_to_rpy(quaternion: Float[AnyArray, "*shape 4"], xp: ModuleType = np) -> Float[AnyArray, "*shape 3"]:
+    """Roll, pitch and yaw of a unit quaternion wxyz, R = Rz(yaw) Ry(pitch) Rx(roll) [rad]."""
     w, x, y, z = (quaternion[..., i] for i in range(4))
     roll = xp.arctan2(2 * (w * x + y * z), 1 - 2 * (x * x + y * y))
     pitch = xp.arcsin(xp.clip(2 * (w * y - z * x), -1.0, 1.0))
@@ -98,8 +123,8 @@ def quaternion_to_rpy(quaternion: Array, xp: Any = np) -> Array:
     return xp.stack([roll, pitch, yaw], -1)
 
 
-def yaw_to_quaternion(yaw: Array, xp: Any = np) -> Array:
-    """Quaternion wxyz of a rotation about z. Shape (...) to (..., 4)."""
+def yaw_to_quaternion(yaw: Float[AnyArray, "*shape"] | float, xp: ModuleType = np) -> Float[AnyArray, "*shape 4"]:
+    """The quaternion wxyz of a turn by `yaw` [rad] about the vertical."""
     zero = xp.zeros_like(yaw)
     return xp.stack([xp.cos(yaw / 2), zero, zero, xp.sin(yaw / 2)], -1)
 
@@ -108,18 +133,23 @@ GOLDEN = (5**0.5 - 1) / 2
 SECTIONS = 26  # golden sections: a segment of 1 m is searched to 4e-6 m
 
 
-def segment_box_distance(start: Array, end: Array, half: Array, xp: Any = np) -> Array:
+def segment_box_distance(
+    start: Float[AnyArray, "*#shape 3"],
+    end: Float[AnyArray, "*#shape 3"],
+    half: Float[AnyArray, "*#shape 3"],
+    xp: ModuleType = np,
+) -> Float[AnyArray, "*shape"]:
     """Distance of a segment to a solid box around the origin, parallel to the axes [m]; 0 where they meet.
 
     The distance to a convex set is convex along a line: golden sections find its minimum.
 
     Args:
-        start, end: of the segment, shape (..., 3) [m].
-        half: half sizes of the box, shape (..., 3) [m].
+        start, end: ends of the segment [m].
+        half: half sizes of the box [m].
         xp: numpy or jax.numpy.
     """
 
-    def distance(share: Array) -> Array:
+    def distance(share: AnyArray) -> AnyArray:
         point = start + share[..., None] * (end - start)
         return (xp.maximum(xp.abs(point) - half, 0.0) ** 2).sum(-1)
 

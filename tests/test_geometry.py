@@ -11,6 +11,7 @@ from agile_jax.geometry import (
     quaternion_to_rpy,
     rectangle_distance,
     rotation_2d,
+    support,
     wrap_angle,
     yaw_to_quaternion,
 )
@@ -127,3 +128,13 @@ def test_quaternions_matrices_and_angles_agree():
     np.testing.assert_allclose(np.linalg.det(matrix), 1)
     yaw = np.array([0.3, -2.0])
     np.testing.assert_allclose(quaternion_to_matrix(yaw_to_quaternion(yaw))[:, :2, :2], rotation_2d(yaw), atol=1e-12)
+
+
+def test_support_is_the_farthest_corner():
+    """Along any direction, whatever the turn; and NumPy's answer is JAX's."""
+    generator = np.random.default_rng(5)
+    half, yaw, angle = np.array([0.28, 0.155]), generator.uniform(-4, 4, 100), generator.uniform(-4, 4, 100)
+    normal = np.stack([np.cos(angle), np.sin(angle)], -1)
+    corners = (half * [[1, 1], [1, -1], [-1, 1], [-1, -1]]) @ np.swapaxes(rotation_2d(yaw), -1, -2)
+    np.testing.assert_allclose(support(half, normal, yaw), np.einsum("nij,nj->ni", corners, normal).max(-1), atol=1e-12)
+    np.testing.assert_allclose(support(jnp.array(half), normal, yaw, jnp), support(half, normal, yaw), atol=1e-6)

@@ -13,9 +13,17 @@ from jaxtyping import Float
 
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.expert import ExpertSettings, planning_margin
-from agile_jax.expert.space.empty_boxes import SIDES
-from agile_jax.expert.space.regions import obstacle_boxes
-from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, Starts, clearance, make_scene, sample_starts
+from agile_jax.scene import (
+    BOX_FACES,
+    POSE_SIZE,
+    Scene,
+    SceneSettings,
+    Starts,
+    clearance,
+    make_scene,
+    obstacle_boxes,
+    sample_starts,
+)
 from agile_jax.settings import BadInput
 
 START_STREAM = 1  # separates the generators of different purposes under one seed
@@ -95,7 +103,7 @@ def wide_boxes(
     outer = [parts[0] for parts in obstacle_boxes(scene)]  # legs are within their table's outline
     grown = scene.obstacle_half_sizes + scene.torso_half_size + planning_margin(expert)
     for center, body in zip(scene.obstacle_centers[outer], grown[outer], strict=True):
-        for _, axis, sign in SIDES:
+        for _, axis, sign in BOX_FACES:
             low, high = lower.copy(), upper.copy()
             reach = body[:2] + (0.0 if axis == 2 else settings.wide_padding)
             for other in {0, 1} - {axis}:

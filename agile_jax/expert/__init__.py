@@ -19,7 +19,7 @@ Importing this package loads neither CasADi nor JAX.
 """
 
 from agile_jax.expert.expert import Expert, make_expert
-from agile_jax.expert.feasible_poses import check_start, check_target
+from agile_jax.expert.feasible_poses import check_start, check_target, check_targets, pose_errors
 from agile_jax.expert.limits import MotionLimits
 from agile_jax.expert.planar_comparison import Comparison, compare_planners
 from agile_jax.expert.search.minimum_time import lower_bound, minimum_time
@@ -38,12 +38,14 @@ __all__ = [
     "Trajectory",
     "check_start",
     "check_target",
+    "check_targets",
     "compare_planners",
     "integrate",
     "lower_bound",
     "make_expert",
     "minimum_time",
     "planning_margin",
+    "pose_errors",
     "rejection",
     "verify",
 ]

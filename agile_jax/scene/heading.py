@@ -6,12 +6,15 @@ them, also where the other way would be shorter, and a measured yaw is read as t
 middle. Planner, field and verification all follow this.
 """
 
-from typing import Any
+from types import ModuleType
 
 import numpy as np
+from jaxtyping import Float
 
-from agile_jax.geometry import Array, wrap_angle
-from agile_jax.scene.scene import POSE_NAMES, Scene
+from agile_jax.arrays import AnyArray
+from agile_jax.geometry import wrap_angle
+from agile_jax.scene.scene import Scene
+from agile_jax.scene.settings import POSE_NAMES
 
 YAW = POSE_NAMES.index("yaw")
 
@@ -21,14 +24,16 @@ def turns_freely(scene: Scene) -> bool:
     return bool(scene.upper[YAW] - scene.lower[YAW] >= 2 * np.pi)
 
 
-def yaw_between_bounds(scene: Scene, yaw: Array, xp: Any = np) -> Array:
-    """The same angle, within half a turn of the middle between the bounds [rad]. Shape (...)."""
+def yaw_between_bounds(
+    scene: Scene, yaw: Float[AnyArray, "*batch"] | float, xp: ModuleType = np
+) -> Float[AnyArray, "*batch"]:
+    """The same angle, within half a turn of the middle between the bounds of yaw [rad]."""
     middle = (scene.lower[YAW] + scene.upper[YAW]) / 2
     return middle + wrap_angle(yaw - middle, xp)
 
 
-def pose_error(scene: Scene, pose: Array, xp: Any = np) -> Array:
-    """pose - target, whose yaw is the turn that leads from the target to the pose. Shape (..., 4) [m, rad]."""
+def pose_error(scene: Scene, pose: Float[AnyArray, "*batch 4"], xp: ModuleType = np) -> Float[AnyArray, "*batch 4"]:
+    """pose - target, whose yaw is the turn that leads from the target to the pose [m, rad]."""
     target = xp.asarray(scene.target)
     error = pose - target
     if turns_freely(scene):
@@ -38,8 +43,8 @@ def pose_error(scene: Scene, pose: Array, xp: Any = np) -> Array:
     return xp.concatenate([error[..., :YAW], turn[..., None]], -1)
 
 
-def facing(scene: Scene, start: np.ndarray) -> Scene:
-    """The scene with the number for the target's yaw that a path from `start`, shape (4,), ends with.
+def facing(scene: Scene, start: Float[np.ndarray, "4"]) -> Scene:
+    """The scene with the number for the target's yaw that a path from the pose `start` ends with.
 
     Where the yaw may go round, it is the nearest to the start's, and the bounds include both; else nothing changes.
     """

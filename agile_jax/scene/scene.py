@@ -1,32 +1,36 @@
 """The scene as arrays, and the exact clearance of the torso in it."""
 
-from typing import Any, NamedTuple
+from types import ModuleType
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float, Int
 
-from agile_jax.geometry import Array, prism_distance, rectangle_distance
-from agile_jax.scene.settings import SceneSettings
+from agile_jax.arrays import AnyArray
+from agile_jax.geometry import prism_distance, rectangle_distance
+from agile_jax.scene.settings import POSE_NAMES, SceneSettings
 
-POSE_NAMES = ("x", "y", "z", "yaw")  # the planned pose s [m, m, m, rad]
 POSE_SIZE = len(POSE_NAMES)
+# The outward faces of an upright box, by where the obstacle lies for who passes: name, axis, sign of the normal.
+BOX_FACES = (("left", 1, +1), ("right", 1, -1), ("front", 0, -1), ("back", 0, +1), ("under", 2, -1), ("over", 2, +1))
 FLAT = 1e-4  # [m] half the room that a fixed height leaves a solver
 
 
 class Scene(NamedTuple):
-    """Obstacles are made of n boxes turned about the vertical. All lengths in [m], angles in [rad].
+    """Obstacles are made of n boxes turned about the vertical.
 
     The boxes of one obstacle follow one another and have one yaw; the first one holds the outline of the others in
     the plane: a table's slab, then its legs.
     """
 
-    obstacle_centers: np.ndarray  # (n, 3)
-    obstacle_half_sizes: np.ndarray  # (n, 3)
-    obstacle_yaws: np.ndarray  # (n,)
-    obstacle_numbers: np.ndarray  # (n,) of the obstacle, in the order of the settings, that a box belongs to
-    target: np.ndarray  # (4,) pose
-    torso_half_size: np.ndarray  # (3,) along the torso's own axes
-    lower: np.ndarray  # (4,) bounds of the pose
-    upper: np.ndarray  # (4,)
+    obstacle_centers: Float[np.ndarray, "n 3"]  # [m]
+    obstacle_half_sizes: Float[np.ndarray, "n 3"]  # [m]
+    obstacle_yaws: Float[np.ndarray, " n"]  # [rad]
+    obstacle_numbers: Int[np.ndarray, " n"]  # the obstacle, in the order of the settings, that a box belongs to
+    target: Float[np.ndarray, "4"]  # pose [m, rad]
+    torso_half_size: Float[np.ndarray, "3"]  # along the torso's own axes [m]
+    lower: Float[np.ndarray, "4"]  # bounds of the pose [m, rad]
+    upper: Float[np.ndarray, "4"]
 
 
 def make_scene(settings: SceneSettings) -> Scene:
@@ -45,18 +49,25 @@ def make_scene(settings: SceneSettings) -> Scene:
     )
 
 
-def obstacle_clearances(scene: Scene, pose: Array, xp: Any = np) -> Array:
+def obstacle_boxes(scene: Scene) -> list[list[int]]:
+    """The numbers of the boxes that each obstacle is made of, the outermost one first."""
+    found: dict[int, list[int]] = {}
+    for box, number in enumerate(scene.obstacle_numbers.tolist()):
+        found.setdefault(number, []).append(box)
+    return list(found.values())
+
+
+def obstacle_clearances(
+    scene: Scene, pose: Float[AnyArray, "*batch 4"], xp: ModuleType = np
+) -> Float[AnyArray, "*batch n"]:
     """Exact signed distance of the torso's box, turned by its yaw, to each of the obstacles' boxes [m].
 
     Positive: Euclidean distance. Negative: minus the penetration depth.
 
     Args:
-        scene: of n boxes.
-        pose: [x, y, z, yaw], shape (..., 4) [m, rad].
+        scene: a scene of n boxes.
+        pose: poses [x, y, z, yaw] of the torso [m, rad].
         xp: numpy or jax.numpy.
-
-    Returns:
-        Shape (..., n).
     """
     pose = pose[..., None, :]
     planar = rectangle_distance(
@@ -74,16 +85,18 @@ def obstacle_clearances(scene: Scene, pose: Array, xp: Any = np) -> Array:
     return prism_distance(planar, vertical, xp)
 
 
-def clearance(scene: Scene, pose: Array, xp: Any = np) -> Array:
-    """Exact signed distance of the torso's box to the nearest obstacle [m]; infinity in an empty scene. Shape (...)."""
+def clearance(scene: Scene, pose: Float[AnyArray, "*batch 4"], xp: ModuleType = np) -> Float[AnyArray, "*batch"]:
+    """Exact signed distance of the torso's box to the nearest obstacle [m]; infinity in an empty scene."""
     if len(scene.obstacle_centers) == 0:
         return xp.full(pose.shape[:-1], xp.inf)
     return obstacle_clearances(scene, pose, xp).min(-1)
 
 
 def planar_scene(scene: Scene) -> Scene:
-    """The scene of a planner that knows the plane only (the paper's figure 2): the height is the target's, every
-    obstacle stands on the floor, so that no path leads under it."""
+    """The scene of a planner that knows the plane only (the paper's figure 2).
+
+    The height is the target's, and every obstacle stands on the floor, so that no path leads under it.
+    """
     tops = scene.obstacle_centers[:, 2] + scene.obstacle_half_sizes[:, 2]
     centers, halves = scene.obstacle_centers.copy(), scene.obstacle_half_sizes.copy()
     centers[:, 2] = halves[:, 2] = tops / 2

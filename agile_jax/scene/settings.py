@@ -21,6 +21,7 @@ from agile_jax.settings import (
 )
 
 OBSTACLES = ("table", "box")
+POSE_NAMES = ("x", "y", "z", "yaw")  # the planned pose s [m, m, m, rad]
 
 
 class Box(NamedTuple):

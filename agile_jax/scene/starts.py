@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from agile_jax.scene.scene import POSE_SIZE, Scene, clearance
 from agile_jax.settings import BadInput
@@ -11,7 +12,7 @@ from agile_jax.settings import BadInput
 class Starts(NamedTuple):
     """Accepted start poses and the account of the draws that were not."""
 
-    poses: np.ndarray  # (n, 4) [m, rad]
+    poses: Float[np.ndarray, "n 4"]  # [m, rad]
     attempted: int
     rejected_collision: int  # closer to an obstacle than the margin
     rejected_bounds: int  # outside the bounds of the pose
@@ -19,8 +20,8 @@ class Starts(NamedTuple):
 
 def sample_starts(
     scene: Scene,
-    mean: np.ndarray,
-    std: np.ndarray,
+    mean: Float[np.ndarray, "4"],
+    std: Float[np.ndarray, "4"],
     count: int,
     margin: float,
     key: tuple[int, ...],
@@ -31,8 +32,8 @@ def sample_starts(
 
     Args:
         scene: obstacles and bounds.
-        mean, std: of the pose, shape (4,) [m, rad].
-        count: accepted poses.
+        mean, std: mean and standard deviations of the pose [m, rad].
+        count: how many poses to accept.
         margin: least clearance of the torso [m].
         key: entropy of the generator, for example (seed, purpose).
 
@@ -43,7 +44,7 @@ def sample_starts(
     poses = np.empty((0, POSE_SIZE))
     attempted = collisions = out_of_bounds = 0
     while len(poses) < count:
-        draws = np.asarray(mean) + np.asarray(std) * generator.standard_normal((256, POSE_SIZE))
+        draws = mean + std * generator.standard_normal((256, POSE_SIZE))
         outside = np.asarray(((draws < scene.lower) | (draws > scene.upper)).any(-1))
         hit = ~outside & np.asarray(clearance(scene, draws) < margin)
         free = ~outside & ~hit
@@ -56,8 +57,8 @@ def sample_starts(
         out_of_bounds += int(outside[:last].sum())
         if attempted > 10_000 and len(poses) < 0.001 * attempted:
             raise BadInput(
-                f"scene.start: {len(poses)} of {attempted} starts are free (mean {np.asarray(mean).tolist()}, std "
-                f"{np.asarray(std).tolist()}, margin {margin:g} m); widen the bounds or move the starts away from the "
-                "obstacles"
+                f"scene.start: {len(poses)} of {attempted} starts are free (mean {mean.tolist()}, std {std.tolist()}, "
+                f"margin {margin:g} m): {collisions} are nearer to an obstacle than the margin, {out_of_bounds} out of "
+                "bounds; widen the bounds or move the starts away from the obstacles"
             )
     return Starts(poses, attempted, collisions, out_of_bounds)

@@ -5,7 +5,8 @@ import itertools
 import numpy as np
 import pytest
 
-from agile_jax.expert.space.empty_boxes import SIDES, largest_empty_boxes
+from agile_jax.expert.space.empty_boxes import largest_empty_boxes
+from agile_jax.scene import BOX_FACES
 
 
 def random_boxes(generator, count):
@@ -53,7 +54,7 @@ def test_they_are_the_largest(count):
 def test_around_one_box_they_are_its_half_spaces():
     lower, upper = np.array([[0.0, 1.0, 2.0]]), np.array([[3.0, 4.0, 5.0]])
     found = largest_empty_boxes(lower, upper)
-    assert [box.planes for box in found] == [((axis, sign, 0),) for _, axis, sign in SIDES]
+    assert [box.planes for box in found] == [((axis, sign, 0),) for _, axis, sign in BOX_FACES]
     assert found[0].lower[1] == 4.0
 
 

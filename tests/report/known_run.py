@@ -7,7 +7,6 @@ import numpy as np
 from agile_jax.evaluation.store import save_traces
 from agile_jax.experiment import Experiment
 from agile_jax.expert import ExpertSettings
-from agile_jax.geometry import yaw_to_quaternion
 from agile_jax.report.settings import ReportSettings
 from agile_jax.robot import RobotSettings, load_robot
 from agile_jax.scene import SceneSettings
@@ -34,7 +33,7 @@ def crawl(sideways: float) -> tuple[np.ndarray, np.ndarray]:
     qpos = np.zeros((MOMENTS, 19))
     qpos[:, 0], qpos[:, 1] = x, sideways
     qpos[:, 2] = 0.28 - 0.11 * np.exp(-(((x - 1.5) / 0.5) ** 4))
-    qpos[:, 3:7] = yaw_to_quaternion(np.zeros(MOMENTS))
+    qpos[:, 3:7] = [1.0, 0.0, 0.0, 0.0]
     qpos[:, 7:] = load_robot(RobotSettings()).home_joint_pos
     return time, qpos
 

@@ -2,8 +2,7 @@
 
 import numpy as np
 
-from agile_jax.expert.space.regions import obstacle_boxes
-from agile_jax.scene import Scene
+from agile_jax.scene import Scene, obstacle_boxes
 
 BRANCH_ORDER = (
     "direct",

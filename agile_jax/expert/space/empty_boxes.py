@@ -14,8 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-# Names of the outward sides of a box: name, axis, sign.
-SIDES = (("left", 1, +1), ("right", 1, -1), ("front", 0, -1), ("back", 0, +1), ("under", 2, -1), ("over", 2, +1))
+from agile_jax.scene import BOX_FACES
 
 SAME = 1e-9  # [m] nearer planes are one: legs are flush with their table up to rounding
 Plane = tuple[int, int, int]  # axis, sign, number of the box beyond whose side on (axis, sign) everything lies
@@ -62,7 +61,7 @@ def largest_empty_boxes(lower: np.ndarray, upper: np.ndarray) -> list[EmptyBox]:
             if not box.overlaps(lower[number], upper[number]):
                 pieces.append(box)
                 continue
-            for _, axis, sign in SIDES:
+            for _, axis, sign in BOX_FACES:
                 value = float((upper if sign > 0 else lower)[number, axis])
                 piece = box.beyond(number, axis, sign, value)
                 if piece is not None:

@@ -10,11 +10,11 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.space.empty_boxes import SIDES, Plane, largest_empty_boxes
+from agile_jax.expert.space.empty_boxes import Plane, largest_empty_boxes
 from agile_jax.expert.space.footprint import footprint, footprint_range
 from agile_jax.expert.space.polygons import planar_separation
 from agile_jax.geometry import rotation_2d
-from agile_jax.scene import Scene
+from agile_jax.scene import BOX_FACES, Scene
 
 CONTAINMENT = 1e-9  # [m]
 PARALLEL = 1e-9  # [rad] an obstacle nearer to the axes than this is parallel to them
@@ -41,7 +41,7 @@ class Face(NamedTuple):
 class Side(NamedTuple):
     """A convex part of the space around one obstacle."""
 
-    name: str  # of SIDES, or "" for the part around a start or target that is diagonally off an edge
+    name: str  # of BOX_FACES, or "" for the part around a start or target that is diagonally off an edge
     faces: tuple[Face, ...]  # that bound it
     lower: np.ndarray  # (4,) box around it, of the pose
     upper: np.ndarray  # (4,)
@@ -85,10 +85,10 @@ def box_sides(
 def _sides_of_boxes(lower: np.ndarray, upper: np.ndarray) -> Iterator[tuple[str, tuple[Plane, ...]]]:
     """Name and planes of the sides of an obstacle made of boxes with these corners, shape (K, 3)."""
     if len(lower) == 1:  # what follows would give the same
-        for name, axis, sign in SIDES:
+        for name, axis, sign in BOX_FACES:
             yield name, ((axis, sign, 0),)
         return
-    names = {(axis, sign): name for name, axis, sign in SIDES}
+    names = {(axis, sign): name for name, axis, sign in BOX_FACES}
     for box in largest_empty_boxes(lower, upper):
         # Between legs is under the table: heights say more than directions.
         yield names[max((plane[:2] for plane in box.planes), key=lambda plane: plane[0])], box.planes
@@ -142,7 +142,7 @@ def exact_sides(
             continue
         faces = []
         for box in range(len(boxes)):
-            around = [_side("", [face_of((axis, sign, box))], lower, upper) for _, axis, sign in SIDES]
+            around = [_side("", [face_of((axis, sign, box))], lower, upper) for _, axis, sign in BOX_FACES]
             if (beyond := next((side for side in around if _beyond(side, pose, torso)), None)) is not None:
                 faces.append(beyond.faces[0])
                 continue

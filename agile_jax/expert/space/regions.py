@@ -24,7 +24,7 @@ from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.space.faces import CONTAINMENT, NO_ROW, PARALLEL, Side, box_sides, exact_sides
 from agile_jax.expert.space.polygons import Polygon, clip
 from agile_jax.geometry import rotation_2d
-from agile_jax.scene import Scene
+from agile_jax.scene import Scene, obstacle_boxes
 
 # Where only nodes are bounded: the path between two is a parabola that leaves the box of its end points by at most
 # a h^2 / 8, 0.4 mm for 1.5 m/s^2 and 46 ms.
@@ -96,14 +96,6 @@ def make_free_space(
         per_obstacle.append(tuple(side for side in sides if (side.lower <= side.upper).all()))
     rows = tuple(max([1, *(len(side.rows) for side in sides)]) for sides in per_obstacle)
     return FreeSpace(tuple(per_obstacle), rows, lower, upper, scene.torso_half_size, exact, margin)
-
-
-def obstacle_boxes(scene: Scene) -> list[list[int]]:
-    """The numbers of the boxes that each obstacle is made of, the outermost one first."""
-    found: dict[int, list[int]] = {}
-    for box, number in enumerate(scene.obstacle_numbers.tolist()):
-        found.setdefault(number, []).append(box)
-    return list(found.values())
 
 
 def make_region(space: FreeSpace, choice: Choice) -> Region | None:
