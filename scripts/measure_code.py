@@ -41,11 +41,9 @@ def code_lines(text: str) -> int:
     for token in tokenize.generate_tokens(io.StringIO(text).readline):
         if token.type not in skipped:
             lines.update(range(token.start[0], token.end[0] + 1))
-    for node in ast.walk(ast.parse(text)):
-        documented = isinstance(node, ast.Module | ast.ClassDef | Function) and ast.get_docstring(node) is not None
-        if documented:
-            docstring = node.body[0]  # type: ignore[attr-defined]
-            lines -= set(range(docstring.lineno, docstring.end_lineno + 1))
+    for node in ast.walk(ast.parse(text)):  # docstrings, those of attributes too
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            lines -= set(range(node.lineno, (node.end_lineno or 0) + 1))
     return len(lines)
 
 
