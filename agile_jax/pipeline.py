@@ -14,6 +14,7 @@ from agile_jax.engine import Engine, check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
 from agile_jax.files import remove_torn
 from agile_jax.progress import Progress, silent, within
+from agile_jax.report import mark_outdated
 from agile_jax.run_directory import (
     State,
     locked,
@@ -125,6 +126,7 @@ def _run_stage(
         raise RuntimeError(f"{stage} ended without {paths.summary}")
     if stage in ("evaluation", "report"):
         write_record(run_dir, experiment, stage)
+    mark_outdated(run_dir)  # a report tells of what was there
     return StageResult(stage, False, paths.summary, read_json(paths.summary) or {})
 
 
@@ -171,8 +173,7 @@ def _evaluation(experiment: Experiment, run_dir: pathlib.Path, open_engine: Open
 def _report(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
     from agile_jax.report import write_report
 
-    del open_engine
-    write_report(run_dir, experiment, progress)
+    write_report(experiment, run_dir, open_engine, progress)
 
 
 _WORK: dict[str, Callable[[Experiment, pathlib.Path, OpenEngine, Progress], None]] = {

@@ -14,6 +14,8 @@ import pytest
 from agile_jax import pipeline
 from agile_jax.experiment import Experiment, load_experiment, with_overrides
 from agile_jax.files import write_json
+from agile_jax.report.outdated import meta, summaries
+from agile_jax.report.page import page
 from agile_jax.run_directory import locked, record_hash, stage_paths, stage_state, write_record
 from agile_jax.settings import BadInput
 
@@ -142,6 +144,20 @@ def test_a_report_is_made_anew_when_a_result_changes(experiment: Experiment, tmp
     write_json(tmp_path / "evaluation/mjx.json", {"success_rate": 0.5})
     assert record_hash(tmp_path, experiment, "report") != first
     assert stage_state(tmp_path, experiment, "report") == "new"
+
+
+def test_a_new_result_marks_the_report_that_tells_of_the_old_one(
+    experiment: Experiment, tmp_path: pathlib.Path
+) -> None:
+    run_dir = tmp_path / "run"
+    pipeline.run(experiment, run_dir, ("dataset",), engine="inline")
+    told = page("demo", "", [], meta(summaries(run_dir)))
+    (run_dir / "report.html").write_text(told)
+    pipeline.run(experiment, run_dir, ("dataset",), engine="inline")
+    assert (run_dir / "report.html").read_text() == told
+    other = with_overrides(experiment, {"expert.nodes": 24}, "test")
+    pipeline.run(other, run_dir, ("dataset",), engine="inline", overwrite=True)
+    assert "since it was written, dataset/summary.json changed" in (run_dir / "report.html").read_text()
 
 
 def test_one_process_at_a_time(experiment: Experiment, tmp_path: pathlib.Path) -> None:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from agile_jax.report.figures.plan_figures import draw_plan, plan_figure
     from agile_jax.report.figures.style import new_axes, save_figure
     from agile_jax.report.html import write_report
+    from agile_jax.report.outdated import mark_outdated
     from agile_jax.report.video.rendering_record import rendering_notes
     from agile_jax.report.video.video import render_video
 
@@ -30,6 +31,7 @@ __all__ = [
     "draw_speed",
     "draw_torques",
     "episode_figure",
+    "mark_outdated",
     "new_axes",
     "plan_figure",
     "render_video",
@@ -42,6 +44,7 @@ __getattr__ = lazy_names(
     __name__,
     {
         "html": "write_report",
+        "outdated": "mark_outdated",
         "video.rendering_record": "rendering_notes",
         "figures.episode_figures": "draw_clearance draw_height draw_speed draw_torques episode_figure",
         "figures.plan_figures": "draw_plan plan_figure",

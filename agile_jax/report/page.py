@@ -4,7 +4,7 @@ import base64
 import html
 import pathlib
 from collections.abc import Iterable, Mapping
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 _STYLE = """
 :root { color-scheme: light; --ink: #1d2733; --soft: #5b6672; --line: #e3e7eb; --accent: #0072B2; }
@@ -35,6 +35,7 @@ img, video { max-width: 100%; height: auto; display: block; border-radius: 6px; 
 figcaption { color: var(--soft); font-size: .88rem; margin-top: 6px; }
 pre { background: #f6f8fa; border: 1px solid var(--line); border-radius: 6px; padding: 12px; overflow-x: auto; font-size: .82rem; line-height: 1.45; }
 details > summary { cursor: pointer; color: var(--accent); margin: .4rem 0; }
+.outdated { max-width: 980px; margin: 18px auto 0; padding: 12px 18px; background: #fdecea; border: 1px solid #CC3311; border-radius: 8px; }
 footer { max-width: 980px; margin: 0 auto; padding: 4px 18px 40px; color: var(--soft); font-size: .85rem; }
 """  # noqa: E501
 # Even if a text slipped through unescaped, a browser would run and load nothing.
@@ -49,10 +50,12 @@ class Section(NamedTuple):
     body: str  # HTML
 
 
-def text(value: Any) -> str:
+def text(value: object) -> str:
     """The value as escaped text; numbers with four significant digits, lists and objects in one line."""
-    if isinstance(value, bool) or value is None:
-        return {True: "yes", False: "no", None: "–"}[value]
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
     if isinstance(value, float):
         return html.escape(f"{value:.4g}")
     if isinstance(value, Mapping):
@@ -68,7 +71,7 @@ def paragraph(words: str, soft: bool = False) -> str:
     return f'<p class="{kind}">{text(words)}</p>'
 
 
-def table(head: Iterable[Any], rows: Iterable[Iterable[Any]]) -> str:
+def table(head: Iterable[object], rows: Iterable[Iterable[object]]) -> str:
     """A table of plain values."""
     titles = "".join(f'<th scope="col">{text(cell)}</th>' for cell in head)
     body = "".join("<tr>" + "".join(f"<td>{text(cell)}</td>" for cell in row) + "</tr>" for row in rows)
@@ -101,8 +104,8 @@ def film(path: pathlib.Path, caption: str) -> str:
     return f"<figure>{player}<figcaption>{text(caption)}</figcaption></figure>"
 
 
-def page(title: str, subtitle: str, sections: Iterable[Section]) -> str:
-    """The whole document."""
+def page(title: str, subtitle: str, sections: Iterable[Section], head: str = "") -> str:
+    """The whole document; `head` is more HTML for its head."""
     sections = list(sections)
     contents = "".join(f'<li><a href="#{text(part.anchor)}">{text(part.title)}</a></li>' for part in sections)
     bodies = "".join(
@@ -112,7 +115,7 @@ def page(title: str, subtitle: str, sections: Iterable[Section]) -> str:
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta http-equiv="Content-Security-Policy" content="{text(_POLICY)}">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{text(title)}</title><style>{_STYLE}</style></head><body>"
+        f"{head}<title>{text(title)}</title><style>{_STYLE}</style></head><body>"
         f"<header><h1>{text(title)}</h1>{paragraph(subtitle, soft=True)}</header>"
         f'<nav aria-label="Contents"><ul>{contents}</ul></nav><main>{bodies}</main>'
         "<footer>Written by agile_jax. Lengths in metres, angles in radians, times in seconds.</footer>"

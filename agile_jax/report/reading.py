@@ -1,9 +1,8 @@
-"""Reading back what the stages of a run left: episodes, traces, the kinematic test, metrics, summaries.
+"""Reading back what the stages of a run left: episodes, traces, the kinematic test.
 
 Files may come from elsewhere: nothing is unpickled, shapes are checked, and a file that cannot be used is named.
 """
 
-import json
 import pathlib
 import zipfile
 from typing import NamedTuple
@@ -17,7 +16,6 @@ from agile_jax.settings import BadInput
 from agile_jax.simulation import OUTCOME_NAMES, SUCCESS, Trace
 from agile_jax.training.kinematic_test.follow import OUTCOMES as TEST_OUTCOMES
 
-Summary = dict[str, object]
 _WIDTHS = {"qpos": 19, "qvel": 18, "torque": 12, "reference": 2 * POSE_SIZE, "saturated": 12}
 
 
@@ -142,44 +140,6 @@ def load_arrays(path: pathlib.Path, *names: str) -> dict[str, np.ndarray]:
         raise BadInput(f"{path}: the array {error.args[0]} is missing") from error
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise BadInput(f"{path}: cannot be read ({error})") from error
-
-
-def read_metrics(path: pathlib.Path) -> list[Summary]:
-    """The lines of a `metrics.jsonl`; a torn last line is left out.
-
-    Raises:
-        BadInput: another line is not a JSON object.
-    """
-    rows: list[Summary] = []
-    lines = path.read_text(encoding="utf-8", errors="replace").splitlines()
-    for number, line in enumerate(lines, start=1):
-        try:
-            row = json.loads(line)
-        except ValueError as error:
-            if number == len(lines):
-                break
-            raise BadInput(f"{path}, line {number}: not JSON ({error})") from error
-        if not isinstance(row, dict):
-            raise BadInput(f"{path}, line {number}: not a JSON object")
-        rows.append(row)
-    return rows
-
-
-def read_json(path: pathlib.Path) -> Summary | None:
-    """The object in a JSON file, None where there is no file.
-
-    Raises:
-        BadInput: the file holds something else.
-    """
-    if not path.is_file():
-        return None
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise BadInput(f"{path}: not JSON ({error})") from error
-    if not isinstance(value, dict):
-        raise BadInput(f"{path}: not a JSON object")
-    return value
 
 
 def _check(path: pathlib.Path, name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:

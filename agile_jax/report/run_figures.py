@@ -30,17 +30,17 @@ from agile_jax.report.figures.learning_figures import (
 )
 from agile_jax.report.figures.plan_figures import plan_figure
 from agile_jax.report.figures.style import new_figure, save_figure
+from agile_jax.report.json_files import Summary, read_metrics
 from agile_jax.report.reading import (
     Episode,
-    Summary,
     choose_episode,
     load_columns,
     load_episodes,
     load_kinematic_test,
     load_outcomes,
     load_test_errors,
-    read_metrics,
 )
+from agile_jax.report.sections import error_unit, squared_error_unit
 from agile_jax.report.under_obstacles import crawl_height, went_under
 from agile_jax.report.video.camera import film, join, snapshots
 from agile_jax.report.video.video import SIM_DT, Rendered, render_shot, write_mp4
@@ -88,7 +88,7 @@ def paths(run_dir: pathlib.Path, experiment: Experiment) -> str:
     return page.picture(path, caption) + words
 
 
-def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
+def learning_curve(run_dir: pathlib.Path, experiment: Experiment, noise_floor: float | None) -> str:
     """Error by epoch."""
     directory = run_dir / "training"
     rounds = sorted(directory.glob("round-*/metrics.jsonl"), key=lambda path: int(path.parent.name.partition("-")[2]))
@@ -99,7 +99,7 @@ def learning_curve(run_dir: pathlib.Path, noise_floor: float | None) -> str:
     if not rows:
         return page.paragraph("There is no learning curve: training/metrics.jsonl holds no epoch yet.")
     figure = new_figure(7.0, 3.6)
-    draw_learning_curve(figure.add_subplot(), rows, noise_floor)
+    draw_learning_curve(figure.add_subplot(), rows, noise_floor, squared_error_unit(experiment.policy.kind))
     return page.picture(
         save_figure(figure, run_dir / "figures" / "learning_curve.png"),
         "Error of the field on the training and on the validation trajectories; dotted: the labels' own noise.",
@@ -139,7 +139,9 @@ def kinematic_test(run_dir: pathlib.Path, experiment: Experiment) -> str:
     scene, figures, directory = make_scene(experiment.scene), run_dir / "figures", run_dir / "training"
     html = ""
     if (directory / "test_errors.npz").is_file():
-        figure = error_map_figure(scene, *load_test_errors(directory / "test_errors.npz"))
+        figure = error_map_figure(
+            scene, *load_test_errors(directory / "test_errors.npz"), error_unit(experiment.policy.kind)
+        )
         html += page.picture(
             save_figure(figure, figures / "error_map.png"),
             "Error on held-out trajectories by place, from above and from the side.",

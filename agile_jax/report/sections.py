@@ -2,60 +2,73 @@
 
 import pathlib
 import tomllib
-from typing import Any
+from collections.abc import Mapping
 
+from agile_jax.report import definitions
+from agile_jax.report.json_files import Summary, read_json
+from agile_jax.report.outdated import summaries
 from agile_jax.report.page import Section, cards, listing, paragraph, table
-from agile_jax.report.reading import read_json
+from agile_jax.scene import SceneSettings
 
-_MSE = "(m/s)², (rad/s)²"
-_DATASET = {
+Words = Mapping[str, tuple[str, str]]  # by the key of a summary: what it is, and its unit
+_DATASET: Words = {
     "trajectories": ("accepted trajectories", ""),
     "attempted": ("starts attempted", ""),
     "rejected_starts": ("starts rejected (in collision or out of bounds)", ""),
     "failed": ("failed, by cause", ""),
     "unverified": ("unverified trajectories in the data", ""),
-    "branches": ("branches", ""),
+    "branches": ("routes of the paths", ""),
     "optimality_gap_median": ("duration over its lower bound, minus 1, median", ""),
-    "max_clearance_violation_m": ("largest clearance violation", "m"),
-    "max_dynamics_residual": ("largest dynamics residual", "SI"),
+    "max_clearance_violation_m": ("largest violation of the margin to obstacles", "m"),
+    "max_dynamics_residual": (
+        "largest deviation of a state from the integral of the accelerations",
+        "m, rad, m/s, rad/s",
+    ),
     "labels_per_second": ("labels per second", "1/s"),
     "solve_time_ms_median": ("solve time, median", "ms"),
     "workers": ("worker processes", ""),
     "dataset_hash": ("hash", ""),
 }
-_TRAINING = {
-    "train_mse": ("train error", _MSE),
-    "validation_mse": ("validation error", _MSE),
-    "test_mse": ("test error", _MSE),
-    "noise_floor_mse": ("noise floor of the labels", _MSE),
-    "noise_floor_share": ("its share in what neighbours differ by: above 0.5 it is meaningful", ""),
-    "field_starts": ("kinematic closed loop: starts that no training has seen", ""),
-    "field_arrived_rate": ("of these, arrived", ""),
-    "field_collision_rate": ("collided", ""),
-    "field_stall_rate": ("stalled", ""),
-    "field_timeout_rate": ("out of time", ""),
-    "field_final_error_m_max": ("largest distance to the target at the end", "m"),
-    "field_time_ratio_median": ("arrival time over the expert's, median", ""),
-    "field_time_ratio_p95": ("arrival time over the expert's, 95th percentile", ""),
-    "field_min_clearance_m": ("least clearance", "m"),
-    "dagger_asked": ("poses asked about in rounds of aggregation", ""),
+_TEST = "kinematic test: "
+_TRAINING: Words = {
+    "train_mse": ("error on the training trajectories", "MSE"),
+    "validation_mse": ("error on the validation trajectories", "MSE"),
+    "test_mse": ("error on the test trajectories", "MSE"),
+    "noise_floor_mse": ("noise floor of the labels", "MSE"),
+    "noise_floor_share": (
+        "share of the floor in what the nearest labels differ by: near 1 it was measured, near 0 guessed",
+        "",
+    ),
+    "field_starts": (f"{_TEST}starts that no training has seen", ""),
+    "field_arrived_rate": (f"{_TEST}fraction that arrived", ""),
+    "field_collision_rate": (f"{_TEST}fraction that collided", ""),
+    "field_stall_rate": (f"{_TEST}fraction that stalled", ""),
+    "field_timeout_rate": (f"{_TEST}fraction that ran out of time", ""),
+    "field_final_error_m_max": (f"{_TEST}largest distance to the target at the end", "m"),
+    "field_time_ratio_median": (f"{_TEST}arrival time over the duration of the expert's path, median", ""),
+    "field_time_ratio_p95": (f"{_TEST}the same, 95th percentile", ""),
+    "field_min_clearance_m": (f"{_TEST}least clearance of the torso", "m"),
+    "aggregation_asked": ("poses that rounds of aggregation asked the expert about", ""),
+    "aggregation_answered": ("of these, answered", ""),
     "epochs": ("epochs", ""),
     "parameters": ("parameters", ""),
     "seconds": ("training time", "s"),
     "compile_seconds": ("compilation", "s"),
     "device": ("device", ""),
 }
-_EVALUATION = {
+_EVALUATION: Words = {
     "episodes": ("episodes", ""),
     "success_rate": ("success rate", ""),
     "success_rate_low": ("lower end of its 95 % Wilson interval", ""),
     "success_rate_high": ("upper end of its 95 % Wilson interval", ""),
-    "arrival_time_ratio_median": ("arrival time over the expert's, median", ""),
-    "arrival_time_ratio_p95": ("arrival time over the expert's, 95th percentile", ""),
+    "arrival_time_ratio_same_tolerance_median": ("arrival time over that of the expert's path, median", ""),
+    "arrival_time_ratio_same_tolerance_p95": ("arrival time over that of the expert's path, 95th percentile", ""),
+    "arrival_time_ratio_median": ("arrival time over the duration of the expert's whole path, median", ""),
+    "arrival_time_ratio_p95": ("arrival time over the duration of the expert's whole path, 95th percentile", ""),
     "min_clearance_m_p05": ("least clearance of the robot in an episode, 5th percentile", "m"),
     "cost_of_transport_quantiles": ("cost of transport, 5 %, 50 %, 95 %", ""),
-    "final_error_m_median": ("final distance to the target, median", "m"),
-    "velocity_tracking_rmse": ("velocity tracking error, root mean square", "m/s, rad/s"),
+    "final_error_m_median": ("final distance to the target in the plane, median", "m"),
+    "velocity_tracking_rmse": ("error of the trunk's velocity in the plane, root mean square", "m/s"),
     "torque_saturation_fraction": ("torques at their limit, fraction", ""),
     "mpc_solutions": ("MPC problems", ""),
     "mpc_failures": ("MPC problems not solved", ""),
@@ -66,15 +79,29 @@ _EVALUATION = {
     "seconds": ("time", "s"),
     "device": ("device", ""),
 }
+SAME_TOLERANCE = "arrival_time_ratio_same_tolerance_median"
+WHOLE_PATH = "arrival_time_ratio_median"
+MEANINGFUL_SHARE = 0.5  # below which the noise floor is no more than a guess (training/noise_floor.py)
 
 
-def percent(value: Any) -> str:
+def error_unit(policy_kind: str) -> str:
+    """The units of the policy's four outputs."""
+    return "m/s², yaw: rad/s²" if policy_kind == "feedback" else "m/s, yaw: rad/s"
+
+
+def squared_error_unit(policy_kind: str) -> str:
+    """The units of the policy's four outputs, squared."""
+    return "(m/s²)², yaw: (rad/s²)²" if policy_kind == "feedback" else "(m/s)², yaw: (rad/s)²"
+
+
+def percent(value: object) -> str:
     """A fraction as a percentage."""
     return f"{100 * value:.1f} %" if isinstance(value, int | float) else "–"
 
 
-def _named(summary: dict[str, Any], names: dict[str, tuple[str, str]]) -> str:
-    known = [(*names[key][:1], summary[key], names[key][1]) for key in names if key in summary]
+def _named(summary: Summary, names: Words, squared_error: str = "") -> str:
+    units = {"MSE": squared_error}
+    known = [(names[key][0], summary[key], units.get(names[key][1], names[key][1])) for key in names if key in summary]
     others = [(key, value, "") for key, value in sorted(summary.items()) if key not in names]
     extra = ""
     if others:
@@ -83,56 +110,60 @@ def _named(summary: dict[str, Any], names: dict[str, tuple[str, str]]) -> str:
 
 
 def overview(
-    dataset: dict[str, Any] | None, training: dict[str, Any] | None, evaluations: dict[str, dict[str, Any]]
+    dataset: Summary | None, training: Summary | None, evaluations: Mapping[str, Summary], scene: SceneSettings
 ) -> str:
-    """The run in a few large numbers."""
+    """The run in a few large numbers, and what they mean."""
     entries = []
     for backend, result in evaluations.items():
         interval = f"{percent(result.get('success_rate_low'))} to {percent(result.get('success_rate_high'))}"
         label = f"success, {backend}, {result.get('episodes', '–')} starts (95 %: {interval})"
         entries.append((percent(result.get("success_rate")), label))
-        entries.append(
-            (_short(result.get("arrival_time_ratio_median")), f"arrival time over the expert's, {backend}, median")
-        )
+        if SAME_TOLERANCE in result:
+            entries.append((_short(result[SAME_TOLERANCE]), f"arrival time over the expert's, {backend}, median"))
+        else:
+            words = f"arrival time over the duration of the expert's whole path, {backend}, median"
+            entries.append((_short(result.get(WHOLE_PATH)), words))
     if training:
         floor = _short(training.get("noise_floor_mse"))
         entries.append((_short(training.get("validation_mse")), f"validation error (noise floor {floor})"))
     if dataset:
         entries.append((str(dataset.get("trajectories", "–")), "verified expert trajectories"))
-    return cards(entries) if entries else paragraph("No stage of this run has finished yet.")
+    words = "".join(paragraph(text) for text in (definitions.success(), definitions.ARRIVAL) if evaluations)
+    words += paragraph(definitions.obstacles(scene)) if scene.obstacles else ""
+    return (cards(entries) if entries else paragraph("No stage of this run has finished yet.")) + words
 
 
-def _short(value: Any) -> str:
+def _short(value: object) -> str:
     return f"{value:.3g}" if isinstance(value, int | float) else "–"
 
 
-def dataset_table(summary: dict[str, Any] | None) -> str:
+def dataset_table(summary: Summary | None) -> str:
     """Counts, branches, failures and quality of the labels."""
     if summary is None:
         return paragraph("There is no dataset yet.")
     return _named(summary, _DATASET)
 
 
-def training_table(summary: dict[str, Any] | None) -> str:
+def training_table(summary: Summary | None, policy_kind: str) -> str:
     """Errors against the noise floor, and cost."""
     if summary is None:
         return paragraph("The policy has not been trained yet.")
-    words = ""
+    words = (
+        "Errors are means of squares over the policy's four outputs. The noise floor is what no field can get below: "
+        "how much the labels of neighbouring poses differ. In the kinematic test a point robot follows the policy."
+    )
     error, floor = summary.get("validation_mse"), summary.get("noise_floor_mse")
     if isinstance(error, int | float) and isinstance(floor, int | float) and floor > 0:
-        words = paragraph(
-            f"The validation error is {error / floor:.2g} times the noise floor, which is how much the labels of "
-            "neighbouring poses differ. "
-            + (
-                "The floor is uncertain, most likely too high: labels are far apart, or change their route in between."
-                if isinstance(share := summary.get("noise_floor_share"), int | float) and share < 0.5
-                else ""
-            )
+        words += f" The validation error is {error / floor:.2g} times the noise floor."
+    if isinstance(share := summary.get("noise_floor_share"), int | float) and share < MEANINGFUL_SHARE:
+        words += (
+            " The floor is uncertain and most likely too high: the labels are far apart, or their route changes in "
+            "between."
         )
-    return words + _named(summary, _TRAINING)
+    return paragraph(words) + _named(summary, _TRAINING, squared_error_unit(policy_kind))
 
 
-def evaluation_table(summary: dict[str, Any]) -> str:
+def evaluation_table(summary: Summary) -> str:
     """Success with its interval, failures by cause, quality."""
     episodes = summary.get("episodes")
     words = (
@@ -141,20 +172,33 @@ def evaluation_table(summary: dict[str, Any]) -> str:
         f"{percent(summary.get('success_rate_high'))})."
     )
     failures = summary.get("failures")
-    causes = ""
-    if isinstance(failures, dict):
-        causes = table(("failure", "episodes"), sorted(failures.items()))
+    causes = table(("failure", "episodes"), sorted(failures.items())) if isinstance(failures, dict) else ""
     regions = summary.get("outcomes_by_region")
     if (
         isinstance(regions, dict)
-        and all(isinstance(counts, dict) and counts for counts in regions.values())
         and regions
+        and all(isinstance(counts, dict) and counts for counts in regions.values())
     ):
         names = list(next(iter(regions.values())))
         rows = [(region, *(counts.get(name, 0) for name in names)) for region, counts in regions.items()]
-        causes += table(("starts", *names), rows)
+        causes += paragraph(definitions.STARTS) + table(("starts", *names), rows)
     rest = {key: value for key, value in summary.items() if key not in ("backend", "failures", "outcomes_by_region")}
     return paragraph(words) + causes + _named(rest, _EVALUATION)
+
+
+def sources(run_dir: pathlib.Path) -> str:
+    """Of which results the page tells: the key of each, where a record names it, and its summary's hash."""
+    rows = [(path, _key(run_dir, path), digest[:16]) for path, digest in summaries(run_dir).items()]
+    return table(("this report tells of", "key", "sha256 of the summary"), rows) if rows else ""
+
+
+def _key(run_dir: pathlib.Path, summary: str) -> str:
+    """The key under which the result of a summary is kept, as its record says; "" where there is none."""
+    path = run_dir / summary
+    stage = path.parent / ("stage.json" if path.name == "summary.json" else f"stages/{path.name}")
+    names = read_json(path.parent / "names.json") or {}
+    record = read_json(stage) or {}
+    return str(names.get(path.stem) or record.get("key") or record.get("hash") or "")[:16]
 
 
 def settings_section(run_dir: pathlib.Path) -> Section:
@@ -178,8 +222,8 @@ def environment_table(run_dir: pathlib.Path) -> str:
     return paragraph("The run holds no environment.json.") if values is None else table(("", ""), _flat(values))
 
 
-def _flat(values: dict[str, Any], prefix: str = "") -> list[tuple[str, Any]]:
-    rows: list[tuple[str, Any]] = []
+def _flat(values: Summary, prefix: str = "") -> list[tuple[str, object]]:
+    rows: list[tuple[str, object]] = []
     for key, value in sorted(values.items()):
         if isinstance(value, dict):
             rows += _flat(value, f"{prefix}{key}.")

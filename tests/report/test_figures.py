@@ -32,7 +32,8 @@ from agile_jax.report.figures.learning_figures import (
 from agile_jax.report.figures.motions import timed_poses
 from agile_jax.report.figures.scene_drawing import box_outline
 from agile_jax.report.figures.style import BLUE, GREEN, RED, new_figure
-from agile_jax.report.reading import Outcomes, load_columns, load_kinematic_test, read_metrics
+from agile_jax.report.json_files import read_metrics
+from agile_jax.report.reading import Outcomes, load_columns, load_kinematic_test
 from agile_jax.report.under_obstacles import underside_above
 from agile_jax.scene import SceneSettings, TableSettings, make_scene
 from agile_jax.settings import BadInput

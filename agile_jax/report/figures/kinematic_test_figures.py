@@ -90,13 +90,16 @@ def worst_paths_figure(scene: Scene, test: KinematicTest) -> Figure:
     return figure
 
 
-def error_map_figure(scene: Scene, poses: Float[np.ndarray, "m 4"], errors: Float[np.ndarray, " m"]) -> Figure:
+def error_map_figure(
+    scene: Scene, poses: Float[np.ndarray, "m 4"], errors: Float[np.ndarray, " m"], unit: str = "m/s, yaw: rad/s"
+) -> Figure:
     """The root mean square of the field's error on held-out labels, by place, from above and from the side.
 
     Args:
         scene: obstacles and target.
         poses: of the labels [m, rad].
-        errors: mean square over the outputs [(m/s)^2, (rad/s)^2].
+        errors: mean square over the four outputs.
+        unit: of the outputs.
     """
     figure = new_figure(7.4, 6.4)
     panels = figure.subplots(2, 1, sharex=True, height_ratios=[1.7, 1.0])
@@ -115,7 +118,7 @@ def error_map_figure(scene: Scene, poses: Float[np.ndarray, "m 4"], errors: Floa
             linewidths=0.1,
         )
     panels[0].set_aspect("equal", adjustable="datalim")
-    color_bar(cells, list(panels), "root mean square error [m/s, rad/s]", "both")
+    color_bar(cells, list(panels), f"root mean square error [{unit}]", "both")
     return figure
 
 

@@ -32,18 +32,24 @@ class _Section(NamedTuple):
         return max(float(np.nanmax(np.linalg.norm(self.velocity, axis=-1))), 1e-6)
 
 
-def draw_learning_curve(ax: Axes, rows: Sequence[Mapping[str, object]], noise_floor: float | None = None) -> Axes:
+def draw_learning_curve(
+    ax: Axes,
+    rows: Sequence[Mapping[str, object]],
+    noise_floor: float | None = None,
+    unit: str = "(m/s)², yaw: (rad/s)²",
+) -> Axes:
     """Train and validation error by epoch on a logarithmic scale, with the labels' noise floor.
 
     Args:
         ax: is drawn on.
-        rows: one object per epoch with `epoch`, `train_mse` and `validation_mse` [mean of (m/s)^2 and (rad/s)^2].
-        noise_floor: in the same unit, or None.
+        rows: one object per epoch with `epoch`, `train_mse` and `validation_mse`, means over the four outputs.
+        noise_floor: of the labels, or None.
+        unit: of the errors and the floor.
 
     Returns:
         `ax`.
     """
-    dress(ax, "epoch", "mean squared error\n[(m/s)², (rad/s)²]")
+    dress(ax, "epoch", f"mean squared error\n[{unit}]")
     for key, label, color, dash in (("train_mse", "train", BLUE, "-"), ("validation_mse", "validation", ORANGE, "--")):
         pairs = [(row.get("epoch"), row.get(key)) for row in rows]
         points = [(x, y) for x, y in pairs if isinstance(x, int | float) and isinstance(y, int | float)]

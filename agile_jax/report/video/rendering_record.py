@@ -1,18 +1,22 @@
 """With what a run's pictures were made, kept beside them, so that the command line can say what to install."""
 
 import pathlib
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING
 
 from agile_jax.files import write_json
-from agile_jax.report.reading import read_json
+from agile_jax.report.json_files import read_json
 from agile_jax.settings import BadInput
+
+if TYPE_CHECKING:
+    from agile_jax.report.video.video import Rendered
 
 _NAME = "figures/rendering.json"
 
 
-def write_record(run_dir: pathlib.Path, records: dict[str, dict[str, Any]]) -> None:
-    """Keep {evaluation backend: {"renderer": ..., "note": one line or None}}."""
-    write_json(run_dir / _NAME, records)
+def write_record(run_dir: pathlib.Path, records: Mapping[str, "Rendered"]) -> None:
+    """Keep how the pictures of each evaluation's backend were rendered."""
+    write_json(run_dir / _NAME, {backend: rendered._asdict() for backend, rendered in records.items()})
 
 
 def rendering_notes(run_dir: pathlib.Path) -> list[str]:
