@@ -23,3 +23,14 @@ def pytest_configure(config: pytest.Config) -> None:
     jax.config.update("jax_compilation_cache_dir", str(folder))
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.5)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", 0)
+
+
+@pytest.fixture(scope="session")
+def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The directory of a run whose stages are all done, in seconds: its numbers say nothing."""
+    import agile_jax as aj
+
+    smoke = Path(__file__).parents[1] / "experiments" / "smoke.toml"
+    small = {"dataset.trajectories": 16, "dataset.shard_size": 16, "training.epochs": 5, "report.video": False}
+    experiment = aj.load_experiment(smoke, small | {"evaluation.episodes": 2, "evaluation.batch": 1})
+    return aj.run(experiment, tmp_path_factory.mktemp("runs") / "quickstart").directory
