@@ -16,8 +16,7 @@ STAGES = ["scene", "expert", "dataset", "policy", "training", "robot", "control"
 HOMES = {  # where a heavy library may be imported; folders and files of the package
     "casadi": {"expert", "benchmark"},
     **{
-        peer: {"benchmark"}
-        for peer in ("rockit", "clarabel", "daqp", "osqp", "piqp", "proxsuite", "quadprog", "scipy", "torch")
+        peer: {"benchmark"} for peer in ("rockit", "clarabel", "daqp", "osqp", "piqp", "proxsuite", "quadprog", "torch")
     },
     "orbax": {"training/checkpoint.py"},
     "flax": {"policy", "training"},

@@ -4,7 +4,6 @@ Files may come from elsewhere: nothing is unpickled, shapes are checked, and a f
 """
 
 import pathlib
-import zipfile
 from typing import NamedTuple
 
 import numpy as np
@@ -14,6 +13,7 @@ from agile_jax.report.under_obstacles import went_under
 from agile_jax.scene import POSE_SIZE, Scene
 from agile_jax.settings import BadInput
 from agile_jax.simulation import OUTCOME_NAMES, SUCCESS, Trace
+from agile_jax.store.npz import NpzError, read_npz
 from agile_jax.training.kinematic_test.follow import OUTCOMES as TEST_OUTCOMES
 
 _WIDTHS = {"qpos": 19, "qvel": 18, "torque": 12, "reference": 2 * POSE_SIZE, "saturated": 12}
@@ -128,18 +128,19 @@ def load_columns(path: pathlib.Path) -> dict[str, Float[np.ndarray, " n"]]:
 
 
 def load_arrays(path: pathlib.Path, *names: str) -> dict[str, np.ndarray]:
-    """The named arrays of an npz file; all of them where no names are given.
+    """The arrays of an npz file, among them those that are named.
 
     Raises:
         BadInput: the file cannot be read, or an array is missing.
     """
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: np.asarray(file[name]) for name in names or file.files}
-    except KeyError as error:
-        raise BadInput(f"{path}: the array {error.args[0]} is missing") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise BadInput(f"{path}: cannot be read ({error})") from error
+        arrays = read_npz(path)
+    except NpzError as error:
+        raise BadInput(f"{path}: {error}") from error
+    missing = [name for name in names if name not in arrays]
+    if missing:
+        raise BadInput(f"{path}: the array {missing[0]} is missing")
+    return arrays
 
 
 def _check(path: pathlib.Path, name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:

@@ -227,7 +227,7 @@ def test_an_object_array_is_not_unpickled(run_dir, inputs):
     np.savez(run_dir / "evaluation/mujoco.npz", start=np.array([Bomb()], dtype=object), outcome=np.zeros(1))
     page = Page(write_report(without_video(inputs), run_dir).read_text())
     assert not (run_dir / "exploded").exists()
-    assert "mujoco.npz: cannot be read" in page.text
+    assert "mujoco.npz: unreadable" in page.text
 
 
 def test_the_episode_that_is_shown_went_under(run_dir, scene):

@@ -9,6 +9,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 from PIL import Image, ImageDraw
+from scipy.spatial import ConvexHull
 
 from agile_jax.report.video.camera import SEE_THROUGH, VIEW_HEIGHT, Shot, axes_of_view
 
@@ -109,7 +110,8 @@ def _draw_shadow(
     ends = np.stack([center - along, center + along]) * [1.0, 1.0, 0.0]
     flat = np.array([[radius, 0, 0], [0, radius, 0]])
     corners = np.concatenate([ends[0] - flat, ends[0] + flat, ends[1] - flat, ends[1] + flat])
-    pen.polygon(_pixels(_hull(projection(corners))), fill=(60, 60, 70, 26))
+    outline = projection(corners)
+    pen.polygon(_pixels(outline[ConvexHull(outline).vertices]), fill=(60, 60, 70, 26))
 
 
 def _draw_geom(
@@ -153,25 +155,6 @@ def _stadium(ends: np.ndarray, radius: float) -> np.ndarray:
     angles = start + np.linspace(0.0, np.pi, 13)
     cap = radius * np.stack([np.cos(angles), np.sin(angles)], -1)
     return np.concatenate([ends[0] + cap, ends[1] - cap])
-
-
-def _hull(points: np.ndarray) -> np.ndarray:
-    """Convex hull (m, 2) of points (n, 2) by the monotone chain."""
-    ordered = points[np.lexsort((points[:, 1], points[:, 0]))]
-
-    def chain(sequence: np.ndarray) -> list[np.ndarray]:
-        kept: list[np.ndarray] = []
-        for point in sequence:
-            while len(kept) > 1 and _turn(kept[-2], kept[-1], point) <= 0:
-                kept.pop()
-            kept.append(point)
-        return kept[:-1]
-
-    return np.array(chain(ordered) + chain(ordered[::-1]))
-
-
-def _turn(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> float:
-    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))
 
 
 def _facing(projection: Projection, along: np.ndarray) -> np.ndarray:

@@ -19,6 +19,7 @@ import mujoco
 import numpy as np
 
 from agile_jax.report.video.camera import AZIMUTH, ELEVATION, FIELD_OF_VIEW, SEE_THROUGH, VIEW_HEIGHT, Shot
+from agile_jax.store.npz import read_npz, write_npz
 
 DISABLED = ("0", "disable", "disabled", "false", "off")  # MuJoCo's words for "no rendering"
 SYSTEM_PACKAGES = "apt-get install -y --no-install-recommends libegl1 libgl1 libgl1-mesa-dri libosmesa6"
@@ -48,7 +49,7 @@ def opengl_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int, ba
     with tempfile.TemporaryDirectory() as name:
         folder = pathlib.Path(name)
         mujoco.mj_saveModel(model, str(folder / "model.mjb"), None)
-        np.savez(folder / "shot.npz", qpos=shot.qpos, look_at=shot.look_at, size=np.array([width, height]))
+        write_npz(folder / "shot.npz", {"qpos": shot.qpos, "look_at": shot.look_at, "size": np.array([width, height])})
         command = [sys.executable, "-m", "agile_jax.report.video.opengl", str(folder)]
         environment = {**os.environ, "MUJOCO_GL": backend}
         with open(folder / "errors.txt", "w+b") as errors:
@@ -84,8 +85,8 @@ def _render(folder: pathlib.Path) -> None:
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)  # whatever a driver prints must not land between the pictures
     model = mujoco.MjModel.from_binary_path(str(folder / "model.mjb"))
-    with np.load(folder / "shot.npz", allow_pickle=False) as shot:
-        qpos, look_at, (width, height) = shot["qpos"], shot["look_at"], (int(v) for v in shot["size"])
+    shot = read_npz(folder / "shot.npz")
+    width, height = (int(size) for size in shot["size"])
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     model.vis.global_.fovy = FIELD_OF_VIEW
     model.vis.quality.offsamples = 0  # software OpenGL is several times slower with multisampling
@@ -98,7 +99,7 @@ def _render(folder: pathlib.Path) -> None:
     camera.distance = VIEW_HEIGHT / 2 / np.tan(np.radians(FIELD_OF_VIEW / 2))
     renderer = mujoco.Renderer(model, height, width)
     try:
-        for configuration, point in zip(qpos, look_at, strict=True):
+        for configuration, point in zip(shot["qpos"], shot["look_at"], strict=True):
             data.qpos[:] = configuration
             mujoco.mj_forward(model, data)
             camera.lookat[:] = point

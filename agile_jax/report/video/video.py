@@ -6,7 +6,7 @@ import pathlib
 import subprocess
 import tempfile
 from collections.abc import Callable, Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import imageio_ffmpeg  # type: ignore[import-untyped]
 import mujoco
@@ -61,7 +61,7 @@ def render_video(
 
 
 def render_shot(
-    model: mujoco.MjModel, shot: Shot, settings: ReportSettings, consume: Callable[[Iterator[np.ndarray]], Any]
+    model: mujoco.MjModel, shot: Shot, settings: ReportSettings, consume: Callable[[Iterator[np.ndarray]], object]
 ) -> Rendered:
     """Make the pictures of a shot with the first renderer that works, and hand them to `consume`.
 
