@@ -6,7 +6,8 @@ import os
 import pathlib
 import re
 import uuid
-from typing import Any
+
+from agile_jax.settings import BadInput
 
 
 def write_atomic(path: pathlib.Path, data: bytes) -> None:
@@ -41,6 +42,14 @@ def remove_torn(folder: pathlib.Path) -> None:
             path.unlink(missing_ok=True)
 
 
+def check_folder(folder: pathlib.Path) -> None:
+    """Refuse a folder whose path is not UTF-8 (BadInput): the library of the checkpoints could not write there."""
+    try:
+        str(folder.resolve()).encode()
+    except UnicodeEncodeError:
+        raise BadInput(f"{str(folder)!r}: is not UTF-8 text; use another folder") from None
+
+
 def sync_folder(folder: pathlib.Path) -> None:
     """Make a rename inside `folder` durable."""
     descriptor = os.open(folder, os.O_RDONLY)
@@ -50,12 +59,12 @@ def sync_folder(folder: pathlib.Path) -> None:
         os.close(descriptor)
 
 
-def write_json(path: pathlib.Path, value: Any) -> None:
+def write_json(path: pathlib.Path, value: object) -> None:
     """Write `value` as readable JSON with sorted keys, atomically. NaN is refused (ValueError): JSON has none."""
     write_atomic(path, (json.dumps(value, indent=2, sort_keys=True, allow_nan=False) + "\n").encode())
 
 
-def read_json(path: pathlib.Path) -> dict[str, Any] | None:
+def read_json(path: pathlib.Path) -> dict[str, object] | None:
     """A JSON object, or None when the file is missing, torn or something else."""
     try:
         value = json.loads(path.read_bytes())
@@ -69,6 +78,6 @@ def sha256(data: bytes) -> str:
     return hashlib.sha256(data).hexdigest()
 
 
-def hash_json(value: Any) -> str:
+def hash_json(value: object) -> str:
     """The sha256 of a JSON value in canonical form (sorted keys, no spaces)."""
     return sha256(json.dumps(value, sort_keys=True, separators=(",", ":"), allow_nan=False).encode())

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from agile_jax.engine import Engine, check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
-from agile_jax.files import remove_torn
+from agile_jax.files import check_folder, remove_torn
 from agile_jax.progress import Progress, silent, within
 from agile_jax.report import mark_outdated
 from agile_jax.run_directory import (
@@ -75,6 +75,7 @@ def run(
         OSError: the disk is full or cannot be written; what is there stays whole.
     """
     check_engine(engine, workers)
+    check_folder(run_dir)
     if "evaluation" in stages and (experiment.evaluation.devices > 1 or experiment.evaluation.backend == "mjx-warp"):
         from agile_jax.evaluation import check_devices  # loads JAX
 

@@ -248,3 +248,23 @@ def test_as_many_workers_as_cores_have_a_core_each():
     with open_engine("local", workers=len(ours) + 1) as engine:
         assert next(engine.map(cores_of_all_threads, [0]))[1][1] == ours
     assert os.sched_getaffinity(0) == ours
+
+
+UNGUARDED = """
+from agile_jax.engine import open_engine
+
+def cube(x):
+    return x**3
+
+with open_engine("local", workers=1) as engine:
+    print(sorted(engine.map(cube, [1, 2])))
+"""
+
+
+@pytest.mark.parametrize("by", ["file", "standard input"])
+def test_a_script_needs_no_main_guard_and_no_file(by, tmp_path):
+    (tmp_path / "script.py").write_text(UNGUARDED)
+    arguments = [sys.executable, str(tmp_path / "script.py")] if by == "file" else [sys.executable]
+    given = UNGUARDED if by == "standard input" else ""
+    ended = subprocess.run(arguments, input=given, capture_output=True, text=True, timeout=120)
+    assert (ended.returncode, ended.stdout) == (0, "[(0, 1), (1, 8)]\n"), ended.stderr

@@ -31,7 +31,6 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "dask": {"engine"},
     "distributed": {"engine"},
     "optuna": {"sweep"},
-    "tyro": {"cli"},
 }
 WITHOUT_JAX = {
     "scene",

@@ -120,10 +120,11 @@ def _workers_speed(inputs: Experiment, run_dir: pathlib.Path, batch: int) -> tup
     """Of all workers together, and their number."""
     with open_engine() as engine:
         tasks = [(inputs, run_dir.resolve(), batch)] * engine.workers
-        speeds = [result for _, result in engine.map(_worker_speed, tasks)]
-    for speed in speeds:
-        if isinstance(speed, TaskFailure):
-            raise TasksFailedError(f"a worker failed: {speed.cause}")
+        results = [result for _, result in engine.map(_worker_speed, tasks)]
+    speeds = [result for result in results if not isinstance(result, TaskFailure)]
+    for failure in results:
+        if isinstance(failure, TaskFailure):
+            raise TasksFailedError(f"a worker failed: {failure.cause}")
     return sum(speeds), len(speeds)
 
 

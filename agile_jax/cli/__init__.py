@@ -9,25 +9,13 @@ import sys
 from collections.abc import Sequence
 
 from agile_jax.cli.environment import check_opengl, prepare_libraries, use_one_thread
+from agile_jax.cli.exit_codes import BAD_INPUT, DONE, FAILED, INTERRUPTED, TERMINATED
+from agile_jax.cli.overview import COMMANDS, overview
 from agile_jax.interruption import Interrupted
 from agile_jax.settings import BadInput
 
-DONE, FAILED, BAD_INPUT, INTERRUPTED, TERMINATED = 0, 1, 2, 130, 143
+__all__ = ["BAD_INPUT", "COMMANDS", "DONE", "FAILED", "main", "overview"]
 
-COMMANDS = {  # name: (arguments, what it does)
-    "run": ("EXPERIMENT.toml", "the whole pipeline: expert, training, evaluation, report"),
-    "expert": ("EXPERIMENT.toml", "solve the optimal control problems: the dataset"),
-    "train": ("EXPERIMENT.toml", "train the velocity field, after what it needs"),
-    "evaluate": ("EXPERIMENT.toml", "closed-loop episodes of the robot, after what they need"),
-    "report": ("EXPERIMENT.toml", "figures, video and report.html, after what they need"),
-    "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
-    "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
-    "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run, or --replay FILE"),
-    "export": ("RUN_DIR", "the trained policy of a finished run, in files for use elsewhere"),
-    "compare": ("RUN_DIR RUN_DIR", "two evaluations from the same starts, paired"),
-    "benchmark": ("SUBJECT [EXPERIMENT.toml]", "speed and quality against the peers"),
-    "schema": ("", "the JSON schema of experiment files"),
-}
 DEVICE_ERRORS = ("JaxRuntimeError", "XlaRuntimeError")  # of JAX, which most commands have not loaded
 SIMULATING = ("run", "evaluate", "report", "sweep", "rollout", "compare")  # these import mujoco
 
@@ -68,25 +56,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         if error.number == signal.SIGINT:
             return _say(f"interrupted; {resume}", INTERRUPTED)
         return _say(f"terminated; {resume}", TERMINATED)
-
-
-def overview() -> str:
-    """The text of `agile --help`."""
-    lines = [f"  agile {name + ' ' + arguments:<41}{does}" for name, (arguments, does) in COMMANDS.items()]
-    return "\n".join(
-        [
-            "usage: agile COMMAND [ARGUMENTS] [OPTIONS]",
-            "",
-            "From optimal control to a robot that crawls under a table.",
-            "",
-            *lines,
-            "",
-            "`agile COMMAND --help` lists the options, `agile COMMAND EXPERIMENT.toml --help` with that file's values.",
-            "Every setting of an experiment is an option, for example --training.learning-rate 0.1.",
-            "Own experts, policies, controllers and obstacles: --plugin MODULE (docs/extending.md).",
-            "The same command goes on where an earlier one stopped. `agile --version` prints the version.",
-        ]
-    )
 
 
 def _dispatch(name: str, argv: list[str]) -> int:

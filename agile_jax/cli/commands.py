@@ -1,39 +1,28 @@
 """The commands: each parses its arguments, calls one library function, prints, and returns the exit code."""
 
-import dataclasses
 import json
 import pathlib
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import tyro
-
-from agile_jax.cli import DONE, FAILED
-from agile_jax.cli.arguments import parse_experiment, parse_run_dir
+from agile_jax.cli.arguments import EITHER, parse_experiment, parse_run_dir
+from agile_jax.cli.exit_codes import DONE, FAILED
+from agile_jax.cli.results import number, print_wrapped, result_lines
 from agile_jax.engine import TasksFailedError, check_engine
+from agile_jax.files import check_folder
 from agile_jax.interruption import interruptible, persistent
-from agile_jax.pipeline import StageResult, failures, stages_up_to, states
+from agile_jax.pipeline import failures, stages_up_to, states
 from agile_jax.progress import Progress, shown
-from agile_jax.settings import BadInput
-
-Pose = tuple[float, float, float, float]
-
-HIGHLIGHTS = {  # what a line about a stage shows of its summary
-    "dataset": ("trajectories", "labels_per_second", "optimality_gap_median"),
-    "training": ("validation_mse", "noise_floor_mse", "seconds"),
-    "evaluation": ("success_rate", "success_rate_low", "success_rate_high", "arrival_time_ratio_median", "seconds"),
-    "report": (),
-}
+from agile_jax.settings import BadInput, Count, Pose, Settings
 
 
-@dataclasses.dataclass(frozen=True)
-class RunOptions:
+class RunOptions(Settings):
     """How to run; nothing here changes a result."""
 
     run_dir: pathlib.Path | None = None
-    """Where to write; runs/NAME if not given."""
-    workers: int | None = None
+    """Where to write; the RUN_DIR that is named, or runs/NAME."""
+    workers: Count | None = None
     """Worker processes of the local engine; one a core if not given."""
     engine: str = "local"
     """Who does the work: local, inline (this process), or tcp://HOST:PORT of a Dask scheduler."""
@@ -43,9 +32,8 @@ class RunOptions:
     """Print what would be done, and do nothing."""
 
 
-@dataclasses.dataclass(frozen=True)
-class PlanOptions:
-    """One expert solve."""
+class PlanOptions(Settings):
+    """From rest to rest, whatever expert.initial_velocity says of labels."""
 
     start: Pose
     """Pose x y z yaw [m, rad]."""
@@ -55,9 +43,8 @@ class PlanOptions:
     """The drawing; None draws nothing."""
 
 
-@dataclasses.dataclass(frozen=True)
-class RolloutOptions:
-    """One closed-loop episode, run or replayed."""
+class RolloutOptions(Settings):
+    """Give either --start or --replay."""
 
     start: Pose | None = None
     """Pose x y z yaw [m, rad]."""
@@ -67,9 +54,8 @@ class RolloutOptions:
     """Film it, for example out.mp4."""
 
 
-@dataclasses.dataclass(frozen=True)
-class ExportOptions:
-    """Where the files go."""
+class ExportOptions(Settings):
+    """See docs/export.md."""
 
     output: pathlib.Path | None = None
     """The folder; RUN_DIR/export if not given."""
@@ -104,9 +90,10 @@ def sweep(argv: list[str]) -> int:
     """`agile sweep`: the grid of the file's [sweep.space]."""
     from agile_jax.sweep import list_trials, run_sweep, table
 
-    experiment, options = parse_experiment("sweep", RunOptions(), argv)
+    experiment, options, _ = parse_experiment("sweep", RunOptions, argv)
     check_engine(options.engine, options.workers)
     sweep_dir = options.run_dir or pathlib.Path("runs") / experiment.name
+    check_folder(sweep_dir)
     if options.dry_run:
         print(table(experiment, list_trials(experiment, sweep_dir)))
         return DONE
@@ -121,7 +108,7 @@ def plan(argv: list[str]) -> int:
     """`agile plan`: one expert solve, printed and drawn."""
     from agile_jax.solving import solve
 
-    experiment, options = parse_experiment("plan", PlanOptions(start=tyro.MISSING), argv)
+    experiment, options, _ = parse_experiment("plan", PlanOptions, argv)
     solution = solve(experiment, options.start, options.target)
     if solution.status != "solved":
         print(f"no path from {list(options.start)}: {solution.cause}", file=sys.stderr)
@@ -142,7 +129,7 @@ def rollout(argv: list[str]) -> int:
     """`agile rollout`: one closed-loop episode of a finished run."""
     from agile_jax.runs import open_run
 
-    run_dir, options = parse_run_dir("rollout", RolloutOptions(), argv)
+    run_dir, options = parse_run_dir("rollout", RolloutOptions, argv)
     if (options.start is None) == (options.replay is None):
         raise BadInput("rollout needs either --start X Y Z YAW or --replay FILE")
     run = open_run(run_dir)
@@ -156,7 +143,7 @@ def rollout(argv: list[str]) -> int:
         note = episode.video(options.video)
         result |= {"video": str(options.video)} | ({"video_note": note} if note else {})
     for key, value in result.items():
-        print(f"{key:<28}{_number(value)}")
+        print(f"{key:<28}{number(value)}")
     return DONE
 
 
@@ -164,7 +151,7 @@ def export(argv: list[str]) -> int:
     """`agile export`: the policy of a finished run, for use elsewhere."""
     from agile_jax.runs import open_run
 
-    run_dir, options = parse_run_dir("export", ExportOptions(), argv)
+    run_dir, options = parse_run_dir("export", ExportOptions, argv)
     exported = open_run(run_dir).export(options.output)
     for path in exported.paths:
         print(path)
@@ -184,7 +171,7 @@ def compare(argv: list[str]) -> int:
     from agile_jax.evaluation import compare as pair
 
     for key, value in pair(pathlib.Path(argv[0]), pathlib.Path(argv[1]), *argv[2:]).items():
-        text = "-".join(f"{end:.4g}" for end in value) if isinstance(value, list) else _number(value)
+        text = "-".join(f"{end:.4g}" for end in value) if isinstance(value, list) else number(value)
         print(f"{key:<28}{text}")
     return DONE
 
@@ -214,9 +201,10 @@ def schema(argv: list[str]) -> int:
 def _run_stages(command: str, last: str, argv: list[str]) -> int:
     from agile_jax import pipeline
 
-    experiment, options = parse_experiment(command, RunOptions(), argv)
+    experiment, options, named = parse_experiment(command, RunOptions, argv, takes=EITHER)
     check_engine(options.engine, options.workers)
-    run_dir = options.run_dir or pathlib.Path("runs") / experiment.name
+    run_dir = options.run_dir or named or pathlib.Path("runs") / experiment.name
+    check_folder(run_dir)
     stages = stages_up_to(last)
     if options.dry_run:
         if not options.overwrite:
@@ -239,8 +227,8 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
         except TasksFailedError as error:
             print(f"agile: {error}", file=sys.stderr)
             return FAILED
-    for result in results.values():
-        print(_line(result))
+    for line in result_lines(results):
+        print_wrapped(line)
     if "report" in results:
         from agile_jax.report import rendering_notes
 
@@ -265,13 +253,3 @@ def _progress() -> Iterator[Progress]:
     """Progress on standard error; signals end what is inside."""
     with interruptible() as arrived, shown() as progress:
         yield persistent(progress, arrived)
-
-
-def _line(result: StageResult) -> str:
-    shown_keys = [key for key in HIGHLIGHTS[result.stage] if key in result.summary]
-    numbers = "".join(f"  {key} {_number(result.summary[key])}" for key in shown_keys)
-    return f"{result.stage:<12}{'reused' if result.reused else 'made':<8}{result.path}{numbers}"
-
-
-def _number(value: object) -> str:
-    return f"{value:.4g}" if isinstance(value, float) else str(value)

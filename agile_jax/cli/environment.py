@@ -14,11 +14,21 @@ def prepare_libraries() -> None:
     Compile once for all runs. One thread for the small factorisations of the controller: more are slower, and the last
     digits of a result would depend on the number of cores.
     """
-    cache = pathlib.Path(os.environ.get("XDG_CACHE_HOME") or pathlib.Path.home() / ".cache") / "agile_jax" / "jax"
-    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(cache))
+    if "JAX_COMPILATION_CACHE_DIR" not in os.environ and (cache := _cache_folder()):
+        os.environ["JAX_COMPILATION_CACHE_DIR"] = str(cache / "agile_jax" / "jax")
     os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0.5")
     os.environ.setdefault("JAX_ENABLE_X64", "0")
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def _cache_folder() -> pathlib.Path | None:
+    """The user's folder for caches; None where there is none, and then every run compiles anew."""
+    if named := os.environ.get("XDG_CACHE_HOME"):
+        return pathlib.Path(named)
+    try:
+        return pathlib.Path.home() / ".cache"
+    except RuntimeError:
+        return None
 
 
 def check_opengl() -> None:

@@ -13,10 +13,13 @@ import signal
 import time
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Generic, NamedTuple, Protocol
 
 from agile_jax import plugins
-from agile_jax.engine.tasks import TaskFailure, describe
+from agile_jax.engine.tasks import Made, Task, TaskFailure, describe
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
 
 TRIES = 2  # at a task that exceeds the time limit
 PERIOD_S = 1.0  # between two looks at the workers
@@ -25,19 +28,19 @@ PATIENCE_S = 120.0  # with a cluster that has no worker at all
 logger = logging.getLogger(__name__)
 
 
-class Flight(NamedTuple):
+class Flight(NamedTuple, Generic[Task]):
     """A task that the scheduler has."""
 
     position: int
-    task: Any
-    future: Any
+    task: Task
+    future: "Future"
 
 
 class DaskEngine:
     """Runs tasks through a dask.distributed client whose workers have one thread each."""
 
     def __init__(
-        self, client: Any, patience_s: float = PATIENCE_S, replenish: Callable[[], None] | None = None
+        self, client: "Client", patience_s: float = PATIENCE_S, replenish: Callable[[], None] | None = None
     ) -> None:
         """Use a client.
 
@@ -53,20 +56,20 @@ class DaskEngine:
         self._wanted = self.workers = max(1, len(client.nthreads()))
 
     def map(
-        self, function: Callable[[Any], Any], tasks: Sequence[Any], time_limit_s: float | None = None
-    ) -> Iterator[tuple[int, Any]]:
+        self, function: Callable[[Task], Made], tasks: Sequence[Task], time_limit_s: float | None = None
+    ) -> Iterator[tuple[int, Made | TaskFailure]]:
         """See `Engine.map`.
 
         No more tasks are in flight than there are workers, so that one that kills its worker takes no waiting neighbour
-            with it. While a dead worker is replaced, two tasks may share one all the same: whatever was under workers
-            that died too often is tried once more at the end, alone. Workers that join the cluster later are used, too.
+        with it. While a dead worker is replaced, two tasks may share one all the same: whatever was under workers
+        that died too often is tried once more at the end, alone. Workers that join the cluster later are used, too.
         """
         waiting = list(enumerate(tasks))[::-1]
-        flights: dict[Any, Flight] = {}
-        landed: queue.SimpleQueue[Any] = queue.SimpleQueue()
+        flights: dict[str, Flight[Task]] = {}
+        landed: queue.SimpleQueue[str] = queue.SimpleQueue()
         times_cut_off: Counter[int] = Counter()
         watch = Watch(self._client)
-        suspects: list[tuple[int, Any]] = []  # that were under workers which died too often
+        suspects: list[tuple[int, Task]] = []  # that were under workers which died too often
         alone = False  # whether the suspects are running
         end = ""  # why the rest can only fail
 
@@ -86,10 +89,10 @@ class DaskEngine:
                 if flight is not None and not alone and _killed_its_worker(flight.future):
                     suspects.append((flight.position, flight.task))
                 elif flight is not None:  # None: it was cut off
-                    result = _result(flight)
-                    if isinstance(result, TaskFailure) and result.cause == LOST:
+                    failure = _failure(flight)
+                    if failure is not None and flight.future.status != "error":
                         end = LOST
-                    yield flight.position, result
+                    yield flight.position, failure or flight.future.result()
                 del flight
 
             if end or not watch.look(flights):
@@ -120,21 +123,27 @@ class DaskEngine:
 LOST = "the connection to the scheduler was lost"
 
 
-def _killed_its_worker(future: Any) -> bool:
+def _killed_its_worker(future: "Future") -> bool:
     """Whether Dask gave the task up because workers died under it."""
     return future.status == "error" and type(future.exception()).__name__ == "KilledWorker"
 
 
-def _result(flight: Flight) -> Any:
-    """What became of a task that has ended."""
+def _failure(flight: Flight[Task]) -> TaskFailure | None:
+    """Why a task that has ended has no result; None where it has one."""
     if flight.future.status == "finished":
-        return flight.future.result()
+        return None
     if flight.future.status == "error":
         return TaskFailure(flight.position, describe(flight.future.exception()))
     return TaskFailure(flight.position, LOST)
 
 
-def _kill_process(dask_worker: Any) -> None:
+class Nanny(Protocol):
+    """What is asked of the process that stands by a worker."""
+
+    pid: int  # of the worker
+
+
+def _kill_process(dask_worker: Nanny) -> None:
     """Kill the worker of the nanny that this runs in; a nanny starts a new one when its worker dies."""
     os.kill(dask_worker.pid, signal.SIGKILL)
 
@@ -142,14 +151,14 @@ def _kill_process(dask_worker: Any) -> None:
 class Watch:
     """What runs on which worker, and since when."""
 
-    def __init__(self, client: Any):
+    def __init__(self, client: "Client"):
         self._client = client
-        self._since: dict[Any, tuple[str, float]] = {}  # by key: worker, time
+        self._since: dict[str, tuple[str, float]] = {}  # by key: worker, time
         self._looked = self._inhabited = time.monotonic()
         self.workers = 0
         self.deserted_s = 0.0  # how long there has been no worker
 
-    def look(self, keys: Collection[Any]) -> bool:
+    def look(self, keys: Collection[str]) -> bool:
         """Ask the scheduler about the tasks with these keys. Returns whether it was time to, and it answered."""
         now = time.monotonic()
         if now < self._looked + PERIOD_S:
@@ -172,7 +181,7 @@ class Watch:
                 self._since[key] = known if known and known[0] == at[key] else (at[key], now)
         return True
 
-    def overdue(self, time_limit_s: float | None) -> list[tuple[Any, str]]:
+    def overdue(self, time_limit_s: float | None) -> list[tuple[str, str]]:
         """(key, worker) of what runs for longer than the limit."""
         if time_limit_s is None:
             return []

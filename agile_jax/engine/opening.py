@@ -8,11 +8,15 @@ import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib.metadata import version
-from typing import Any
+from multiprocessing import spawn
+from typing import TYPE_CHECKING
 
 from agile_jax.engine.dask_engine import DaskEngine
 from agile_jax.engine.tasks import Engine, InlineEngine, describe
 from agile_jax.settings import BadInput
+
+if TYPE_CHECKING:
+    from distributed import Client, Worker, WorkerPlugin
 
 # One thread a worker: numerical libraries that start their own would fight over the cores, and could change last
 # digits.
@@ -53,7 +57,7 @@ def open_engine(address: str = "local", workers: int | None = None) -> Iterator[
 
 
 @contextmanager
-def _local_client(workers: int) -> Iterator[Any]:
+def _local_client(workers: int) -> Iterator["Client"]:
     import dask
     from distributed import Client, LocalCluster
 
@@ -65,6 +69,7 @@ def _local_client(workers: int) -> Iterator[Any]:
     with (
         _quiet_loggers(),
         _environment_kept(),
+        _without_main_script(),
         tempfile.TemporaryDirectory(prefix="agile-engine-", ignore_cleanup_errors=True) as scratch,
         dask.config.set(quiet),
         LocalCluster(
@@ -104,6 +109,25 @@ def _quiet_loggers() -> Iterator[None]:
 
 
 @contextmanager
+def _without_main_script() -> Iterator[None]:
+    """Keep workers from running the main script once more, as spawned processes do.
+
+    It may have no main guard, and then each worker would start workers, or no file (standard input). What workers do is
+    in modules.
+    """
+    prepare = spawn.get_preparation_data
+
+    def without_main_script(name: str) -> dict[str, object]:
+        return {key: value for key, value in prepare(name).items() if not key.startswith("init_main")}
+
+    spawn.get_preparation_data = without_main_script  # also for a worker that takes a dead one's place
+    try:
+        yield
+    finally:
+        spawn.get_preparation_data = prepare
+
+
+@contextmanager
 def _environment_kept() -> Iterator[None]:
     """Undo what is set inside: distributed puts the workers' numbers of threads into its own process, too.
 
@@ -119,18 +143,18 @@ def _environment_kept() -> Iterator[None]:
         os.environ.update(before)
 
 
-def _ignore_interrupts() -> Any:
+def _ignore_interrupts() -> "WorkerPlugin":
     """Ctrl-C reaches every process of the terminal; only this one should act on it, and then close the workers."""
     from distributed import WorkerPlugin
 
     class IgnoreInterrupts(WorkerPlugin):
-        def setup(self, worker: Any) -> None:
+        def setup(self, worker: "Worker") -> None:
             signal.signal(signal.SIGINT, signal.SIG_IGN)
 
     return IgnoreInterrupts()
 
 
-def _hold_to_one_core(cores: list[int]) -> Any:
+def _hold_to_one_core(cores: list[int]) -> "WorkerPlugin":
     """One core for each worker, where there is one for each.
 
     JAX hands small pieces of work from thread to thread, and waking a thread on another core takes longer than they do:
@@ -139,7 +163,7 @@ def _hold_to_one_core(cores: list[int]) -> Any:
     from distributed import WorkerPlugin
 
     class HoldToOneCore(WorkerPlugin):
-        def setup(self, worker: Any) -> None:
+        def setup(self, worker: "Worker") -> None:
             own = cores[int(worker.name) % len(cores)]
             for thread in os.listdir("/proc/self/task"):  # threads that are yet to come inherit it
                 os.sched_setaffinity(int(thread), {own})
@@ -148,7 +172,7 @@ def _hold_to_one_core(cores: list[int]) -> Any:
 
 
 @contextmanager
-def _remote_client(address: str) -> Iterator[Any]:
+def _remote_client(address: str) -> Iterator["Client"]:
     from distributed import Client
 
     try:
@@ -166,7 +190,7 @@ def software() -> dict[str, str]:
     return {"python": python} | {name: version(name) for name in ("agile_jax", "casadi", "numpy")}
 
 
-def _check_cluster(client: Any, address: str) -> None:
+def _check_cluster(client: "Client", address: str) -> None:
     """Refuse a cluster (BadInput) on which tasks would fail, disturb each other or give other last digits."""
     workers = client.scheduler_info(n_workers=-1)["workers"]
     if not workers:

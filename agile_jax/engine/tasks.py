@@ -1,7 +1,10 @@
 """What an engine is, the simplest one, and the failure of a task."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol, TypeVar
+
+Task = TypeVar("Task")
+Made = TypeVar("Made")
 
 
 class TaskFailure(NamedTuple):
@@ -21,8 +24,8 @@ class Engine(Protocol):
     workers: int
 
     def map(
-        self, function: Callable[[Any], Any], tasks: Sequence[Any], time_limit_s: float | None = None
-    ) -> Iterator[tuple[int, Any]]:
+        self, function: Callable[[Task], Made], tasks: Sequence[Task], time_limit_s: float | None = None
+    ) -> Iterator[tuple[int, Made | TaskFailure]]:
         """Yield (index, result or `TaskFailure`) in order of completion, once for every task.
 
         Args:
@@ -40,13 +43,13 @@ class InlineEngine:
     workers = 1
 
     def map(
-        self, function: Callable[[Any], Any], tasks: Sequence[Any], time_limit_s: float | None = None
-    ) -> Iterator[tuple[int, Any]]:
+        self, function: Callable[[Task], Made], tasks: Sequence[Task], time_limit_s: float | None = None
+    ) -> Iterator[tuple[int, Made | TaskFailure]]:
         """See `Engine.map`. Nobody stands by who could kill this process, so the time limit is not enforced."""
         del time_limit_s
         for index, task in enumerate(tasks):
             try:
-                result = function(task)
+                result: Made | TaskFailure = function(task)
             except Exception as error:
                 result = TaskFailure(index, describe(error))
             yield index, result

@@ -8,12 +8,7 @@ from agile_jax.settings import Count, Positive, Settings
 
 
 class EvaluationSettings(Settings):
-    """Closed-loop episodes from starts of the scene's distribution that no training has seen.
-
-    The planner is what the controller follows. policy: the learned field. replan: the expert, asked again every
-    `replan_interval` from the measured pose. open_loop: the expert's path from the start. open_loop_2d: the same of the
-    planner that knows the plane only. straight: the braking law towards the target, blind to obstacles.
-    """
+    """Closed-loop episodes from starts of the scene's distribution that no training has seen."""
 
     episodes: Count = 64
     """Number of episodes, each from a start of its own."""
@@ -22,7 +17,10 @@ class EvaluationSettings(Settings):
     (NVIDIA GPUs, mujoco-mjx[warp]).
     """
     planner: Literal["policy", "replan", "open_loop", "open_loop_2d", "straight"] = "policy"
-    """What the controller follows (see above)."""
+    """What the controller follows. policy: the learned field. replan: the expert, asked again and again from the
+    measured pose. open_loop: the expert's path from the start. open_loop_2d: that of the planner that knows the plane
+    only. straight: the braking law towards the target, blind to obstacles.
+    """
     replan_interval: Positive = 0.1
     """Time between two answers of the planner "replan" [s]."""
     where: Literal["here", "workers"] = "here"

@@ -134,11 +134,12 @@ def _known_names(model: type[BaseModel], location: tuple[int | str, ...]) -> lis
             if part in candidate.model_fields
             for inner in nested_models(candidate.model_fields[part].annotation)
         ]
-        candidates = below or [candidate for candidate in candidates if part in _tags(candidate)]
+        candidates = below or [candidate for candidate in candidates if part in tags(candidate)]
     return [name for candidate in candidates for name in candidate.model_fields]
 
 
-def _tags(model: type[BaseModel]) -> set[str]:
+def tags(model: type[BaseModel]) -> set[str]:
+    """The words that tell a model from the others of a union."""
     annotations = [field.annotation for field in model.model_fields.values()]
     return {tag for annotation in annotations if get_origin(annotation) is Literal for tag in get_args(annotation)}
 
