@@ -14,7 +14,7 @@ import platform
 import time
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -22,16 +22,17 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, as_json, number, table
+from agile_jax.benchmark.metrics import Metric, Result, as_json, number, table
+from agile_jax.control import ControllerState
 from agile_jax.engine import TaskFailure, TasksFailedError, open_engine
 from agile_jax.evaluation.backend import Backend, Inputs, command_parameters, make_backend
 from agile_jax.evaluation.stage import evaluation_starts
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
-from agile_jax.robot import RobotSettings, build_mujoco_model
+from agile_jax.robot import build_mujoco_model
 from agile_jax.scene import make_scene
-from agile_jax.simulation import MjxSlots, MujocoPhysics, MujocoSlots
-from agile_jax.simulation.mujoco_slots import BatchLoop, as_float32
+from agile_jax.simulation import Episode, MjxSlots, MujocoSlots, Sensed
+from agile_jax.simulation.plan_cycle import on_host, plan_cycle
 
 METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
 SIMULATED = 1.0  # in one repetition [s]
@@ -55,7 +56,7 @@ class Parts(NamedTuple):
 
 def benchmark_evaluation(
     experiment: Experiment, run_dir: pathlib.Path, threads: int = 2, progress: Progress = silent
-) -> dict[str, Any]:
+) -> Result:
     """Measure, and return what goes into the JSON file.
 
     Args:
@@ -103,7 +104,7 @@ def benchmark_evaluation(
     }
 
 
-def report(result: dict[str, Any]) -> str:
+def report(result: Result) -> str:
     """The numbers as a table, with the method."""
     rows = [
         (key, (number(metric["value"]), metric["unit"], metric["meaning"])) for key, metric in result["metrics"].items()
@@ -163,40 +164,61 @@ def _prepare(
     return backend, advances * segment, lambda: _seconds(lambda: [slots.advance() for _ in range(advances)])
 
 
-def _parts(inputs: Inputs, slots: MujocoSlots, qpos: np.ndarray, threads: int) -> Parts:
-    """The loop of `MujocoSlots.advance` with a clock between its parts."""
-    loop: BatchLoop = slots.loop
-    physics: MujocoPhysics = slots.physics
-    plans = max(1, round(SIMULATED / (loop.acts_per_plan * inputs.control.control_dt)))
-    spent = {"plan": np.inf, "act": np.inf, "physics": np.inf}
-    torques = np.zeros((len(qpos), plans * loop.acts_per_plan, 12))
-    for _ in range(REPETITIONS):
-        now = dict.fromkeys(spent, 0.0)
-        sensed = physics.reset(qpos)
-        episodes = loop.first(as_float32(sensed), jnp.full(len(qpos), ENDLESS, jnp.float32))
-        for k in range(plans):
-            begun = time.perf_counter()
-            episodes = jax.block_until_ready(loop.plan(slots.parameters, (), episodes, as_float32(sensed)))
-            now["plan"] += time.perf_counter() - begun
-            for j in range(loop.acts_per_plan):
-                begun = time.perf_counter()
-                episodes = jax.block_until_ready(loop.act(episodes, as_float32(sensed)))
-                torque = np.asarray(episodes.torque, np.float64)
-                now["act"] += time.perf_counter() - begun
-                begun = time.perf_counter()
-                sensed = physics.step(torque)
-                now["physics"] += time.perf_counter() - begun
-                torques[:, k * loop.acts_per_plan + j] = torque
-        spent = {name: min(spent[name], now[name]) for name in spent}
+class _Timed:
+    """The loop of `MujocoSlots` with a clock on each of its parts."""
 
-    model = build_mujoco_model(make_scene(inputs.scene), RobotSettings(), inputs.control.control_dt)
+    def __init__(self, slots: MujocoSlots[ControllerState]) -> None:
+        self._slots = slots
+        self.plan_seconds = self.act_seconds = self.physics_seconds = 0.0
+        self.torques: list[np.ndarray] = []  # (n, 12) of every step [Nm]
+
+    def plan(self, episode: Episode[ControllerState], sensed: Sensed) -> Episode[ControllerState]:
+        begun = time.perf_counter()
+        episode = jax.block_until_ready(self._slots.plan(episode, sensed))
+        self.plan_seconds += time.perf_counter() - begun
+        return episode
+
+    def act(self, episode: Episode[ControllerState], sensed: Sensed) -> Episode[ControllerState]:
+        begun = time.perf_counter()
+        episode = jax.block_until_ready(self._slots.act(episode, sensed))
+        self.torques.append(np.asarray(episode.torque, np.float64))
+        self.act_seconds += time.perf_counter() - begun
+        return episode
+
+    def step(self, world: None, episode: Episode[ControllerState]) -> tuple[None, Sensed]:
+        begun = time.perf_counter()
+        sensed = self._slots.physics.step(self.torques[-1])
+        self.physics_seconds += time.perf_counter() - begun
+        return world, sensed
+
+
+def _parts(inputs: Inputs, slots: MujocoSlots[ControllerState], qpos: np.ndarray, threads: int) -> Parts:
+    """The time of each part of the loop: the fastest of the repetitions."""
+    acts = slots.loop.acts_per_plan
+    plans = max(1, round(SIMULATED / (acts * inputs.control.control_dt)))
+    runs = []
+    for _ in range(REPETITIONS):
+        timed = _Timed(slots)
+        sensed = slots.physics.reset(qpos)
+        episodes = slots.loop.first(sensed, jnp.full(len(qpos), ENDLESS, jnp.float32))
+        for _ in range(plans):
+            _, episodes, sensed = plan_cycle(timed, timed.step, None, episodes, sensed, acts, on_host)
+        runs.append(timed)
+
+    model = build_mujoco_model(make_scene(inputs.scene), inputs.robot, inputs.control.control_dt)
     state = np.zeros((len(qpos), 1 + model.nq + model.nv))
     state[:, 1 : 1 + model.nq] = qpos
+    torques = np.nan_to_num(np.stack(runs[-1].torques, 1))
     data = [mujoco.MjData(model) for _ in range(min(threads, len(qpos)))]
     with mujoco.rollout.Rollout(nthread=len(data) if len(data) > 1 else 0) as replay:
-        run = lambda: replay.rollout([model] * len(qpos), data, state, np.nan_to_num(torques))  # noqa: E731
+        run = lambda: replay.rollout([model] * len(qpos), data, state, torques)  # noqa: E731
         fastest = min(_seconds(run) for _ in range(REPETITIONS))
-    return Parts(spent["plan"], spent["act"], spent["physics"], fastest)
+    return Parts(
+        min(run.plan_seconds for run in runs),
+        min(run.act_seconds for run in runs),
+        min(run.physics_seconds for run in runs),
+        fastest,
+    )
 
 
 def _part_metrics(batch: int, parts: Parts) -> list[Metric]:
@@ -218,7 +240,7 @@ def _part_metrics(batch: int, parts: Parts) -> list[Metric]:
     ]
 
 
-def _seconds(work: Callable[[], Any]) -> float:
+def _seconds(work: Callable[[], object]) -> float:
     begun = time.perf_counter()
     work()
     return time.perf_counter() - begun

@@ -1,7 +1,10 @@
 """A metric: a number with its unit, its direction, what it means and, where there is one, its target."""
 
 from collections.abc import Sequence
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal, NamedTuple, TypeAlias
+
+Better: TypeAlias = Literal["higher", "lower", ""]  # "" where neither is
+Result: TypeAlias = dict[str, Any]  # what goes into a benchmark's JSON file, or an object in it
 
 
 class Metric(NamedTuple):
@@ -10,7 +13,7 @@ class Metric(NamedTuple):
     key: str
     value: float | None
     unit: str  # "" for counts and ratios
-    better: Literal["higher", "lower", ""]  # "" where neither is
+    better: Better
     meaning: str
     target: float | None = None
 
@@ -22,12 +25,12 @@ class Metric(NamedTuple):
         return self.value < self.target if self.better == "higher" else self.value > self.target
 
 
-def as_json(metrics: Sequence[Metric]) -> dict[str, dict[str, Any]]:
+def as_json(metrics: Sequence[Metric]) -> dict[str, Result]:
     """By key, for a file."""
     return {metric.key: {k: v for k, v in metric._asdict().items() if k != "key"} for metric in metrics}
 
 
-def missed(metrics: dict[str, dict[str, Any]]) -> list[str]:
+def missed(metrics: dict[str, Result]) -> list[str]:
     """A line for each metric of `as_json` that is on the wrong side of its target."""
     return [
         f"missed: {key} is {number(metric['value'])}, its target {number(metric['target'])} ({metric['meaning']})"
@@ -36,7 +39,7 @@ def missed(metrics: dict[str, dict[str, Any]]) -> list[str]:
     ]
 
 
-def comparison(metrics: dict[str, dict[str, Any]], methods: Sequence[str]) -> str:
+def comparison(metrics: dict[str, Result], methods: Sequence[str]) -> str:
     """A table of the metrics "METHOD.KEY", a column for each method and a row for each key."""
     rows = []
     for key in dict.fromkeys(key.partition(".")[2] for key in metrics):

@@ -7,14 +7,15 @@ Robustness: the same commands with one disturbance each, of physics, actuation o
 told about (benchmark/workloads/disturbance.py); counted is who does not fall. Intervals are Wilson's at 95 %.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import table
-from agile_jax.benchmark.workloads.commands import UNDISTURBED, random_commands, track_commands, tracking_loop
+from agile_jax.benchmark.metrics import Result, table
+from agile_jax.benchmark.workloads.commands import random_commands
 from agile_jax.benchmark.workloads.disturbance import Disturbance, SensorNoise
-from agile_jax.control import Counts
+from agile_jax.benchmark.workloads.tracking import UNDISTURBED, track_commands, tracking_loop
+from agile_jax.control import Counts, make_controller
 from agile_jax.evaluation.statistics import wilson_interval
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
@@ -27,7 +28,7 @@ HEIGHT_TOLERANCE = 0.01  # [m]
 DEGREE = np.pi / 180
 
 
-class Commands(NamedTuple):
+class CommandRanges(NamedTuple):
     """Ranges of uniform commands."""
 
     forward: tuple[float, float]  # [m/s]
@@ -36,11 +37,11 @@ class Commands(NamedTuple):
     height: float  # [m]
 
 
-NOMINAL = Commands((0.0, 1.2), 0.5, 1.0, START_HEIGHT)
+NOMINAL = CommandRanges((0.0, 1.2), 0.5, 1.0, START_HEIGHT)
 TRACKING = {
     "forward to 1.2, sideways +-0.5, turning +-1": NOMINAL,
-    "at 0.17 m, forward to 0.5": Commands((0.0, 0.5), 0.0, 0.0, 0.17),
-    "at 0.17 m, forward to 0.8": Commands((0.0, 0.8), 0.0, 0.0, 0.17),
+    "at 0.17 m, forward to 0.5": CommandRanges((0.0, 0.5), 0.0, 0.0, 0.17),
+    "at 0.17 m, forward to 0.8": CommandRanges((0.0, 0.8), 0.0, 0.0, 0.17),
 }
 ROBUSTNESS = {
     "push of 6 N s from the side": Disturbance(impulse=6.0),
@@ -66,7 +67,7 @@ def benchmark_tracking(
     disturbed_duration: float,
     threads: int = 2,
     progress: Progress = silent,
-) -> dict[str, Any]:
+) -> Result:
     """Measure, and return what goes into the JSON file.
 
     Args:
@@ -77,31 +78,32 @@ def benchmark_tracking(
         threads: of the physics.
         progress: is told of the rows done.
     """
-    rows: dict[str, dict[str, Any]] = {}
+    rows: dict[str, Result] = {}
     rows_in_all = len(TRACKING) + len(ROBUSTNESS)
     robot = load_robot(experiment.robot)
-    undisturbed = tracking_loop(robot, experiment.control, UNDISTURBED)
+    controller = make_controller(robot, experiment.control)
+    undisturbed = tracking_loop(robot, experiment.control, UNDISTURBED, controller)
     jobs = [(name, ranges, UNDISTURBED, duration) for name, ranges in TRACKING.items()]
     jobs += [(name, NOMINAL, disturbance, disturbed_duration) for name, disturbance in ROBUSTNESS.items()]
     for done, (name, ranges, disturbance, seconds) in enumerate(jobs):
         progress("tracking", done, rows_in_all, name)
-        loop = undisturbed if disturbance == UNDISTURBED else tracking_loop(robot, experiment.control, disturbance)
+        loop = undisturbed
+        if disturbance != UNDISTURBED:
+            loop = tracking_loop(robot, experiment.control, disturbance, controller)
         columns = track_commands(
+            loop,
             random_commands(episodes, experiment.seed, *ranges),
             seconds,
-            experiment.control,
             experiment.robot,
-            disturbance,
             start_height=START_HEIGHT,
             seed=experiment.seed,
             threads=threads,
-            loop=loop,
         )
         rows[name] = summary(columns) | {"disturbed": disturbance != UNDISTURBED, "seconds": seconds}
     return {"benchmark": "tracking", "experiment": experiment.name, "method": METHOD, "rows": rows}
 
 
-def summary(columns: dict[str, np.ndarray]) -> dict[str, Any]:
+def summary(columns: dict[str, np.ndarray]) -> Result:
     """One row of the table from the columns of its episodes."""
     survived = np.isinf(columns["fall_time"])
     met = survived & (columns["velocity_rms"] <= VELOCITY_TOLERANCE)
@@ -125,7 +127,7 @@ def summary(columns: dict[str, np.ndarray]) -> dict[str, Any]:
     }
 
 
-def report(result: dict[str, Any]) -> str:
+def report(result: Result) -> str:
     """The rows as a table, with the method."""
     names = ("survived", "95 % [%]", "met", "v error", "p99", "z error [mm]", "p99", "tilt [deg]", "joint past [mrad]")
     lines = []

@@ -1,47 +1,47 @@
 """The whole-body controller of one robot: plan at the rate of the MPC, act at the rate of the torques.
 
-`plan` solves the MPC for the foot forces and sets the footholds; `act` turns forces and swing paths into joint
-torques. Both are pure functions of one robot's state; callers vmap them.
+`plan` solves the MPC (`control/mpc/problem.py`: cost, friction cones, limits) for the foot forces and sets the
+footholds; `act` turns forces and swing paths into joint torques.
 """
 
-from collections.abc import Callable
+import dataclasses
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, PyTree
 
 from agile_jax import plugins
 from agile_jax.control import gait, torques
 from agile_jax.control.body import Body, Reference, measure
 from agile_jax.control.diagnostics import Diagnostics, after_act, after_plan, no_diagnostics
-from agile_jax.control.mpc.problem import Qp, mpc_constants, robot_qp
+from agile_jax.control.footholds import plan_footholds, plan_support
+from agile_jax.control.interface import Controller
+from agile_jax.control.mpc.problem import MpcConstants, Qp, mpc_constants, robot_qp
 from agile_jax.control.mpc.solver import cascade
+from agile_jax.control.precision import in_float32
+from agile_jax.control.rest import at_rest, planar_speed
 from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import CONTROLLERS, ControlSettings
-from agile_jax.control.swing import feed_forward_share, folded_leg, foothold, forward_reach
-from agile_jax.geometry import quaternion_to_matrix, rotation_2d, wrap_angle
+from agile_jax.control.swing import feed_forward_share, folded_leg
+from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import GRAVITY, RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 from agile_jax.settings import BadInput
 
-SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
 REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
 REACH_DEPTH = 0.05  # below the floor's height, at most [m]
-# The robot stands where its reference hardly moves and its own motion is below these; once it stands, twice as much.
-REST_SPEED, REST_YAW_RATE = 0.15, 0.1  # of the body [m/s], of the reference [rad/s]
-REST_DISTANCE, REST_YAW = 0.03, 0.05  # between body and reference [m], [rad]
-REST_LEAN, REST_TWIST = 0.02, 0.05  # between body and feet [m], [rad]
 
 
 class ControllerState(NamedTuple):
-    """What the controller remembers between calls."""
+    """What the controller of one robot remembers between calls."""
 
     gait: gait.Gait
-    lift_off_world: jax.Array  # (4, 3) where each foot last left the ground [m]
-    foothold_world: jax.Array  # (4, 3) where each swing should end [m]
-    velocity_planar: jax.Array  # (2,) measured velocity of the centre of mass at the last plan, world [m/s]
-    forces_world: jax.Array  # (4, 3) planned forces of the ground on the feet [N]
-    integral: jax.Array  # (3,) correction of height [m], roll, pitch [rad]
+    lift_off_world: Float[Array, "4 3"]  # where each foot last left the ground [m]
+    foothold_world: Float[Array, "4 3"]  # where each swing should end [m]
+    velocity_planar: Float[Array, "2"]  # measured velocity of the centre of mass at the last plan, world [m/s]
+    forces_world: Float[Array, "4 3"]  # planned forces of the ground on the feet [N]
+    integral: Float[Array, "3"]  # correction of height [m], roll, pitch [rad]
     warm_start: cascade.WarmStart
     diagnostics: Diagnostics
 
@@ -52,81 +52,68 @@ class Plan(NamedTuple):
     qp: Qp
     body: Body
     gait: gait.Gait
-    footholds_world: jax.Array  # (4, 3) [m]
-    integral: jax.Array  # (3,)
+    footholds_world: Float[Array, "4 3"]  # [m]
+    integral: Float[Array, "3"]  # correction of height [m], roll, pitch [rad]
 
 
-class Controller(NamedTuple):
-    """A controller as pure functions of one robot."""
+@dataclasses.dataclass(frozen=True, eq=False)
+class MpcController:
+    """Gait, convex MPC, footholds and torques of one robot; made by `make_mpc_controller`.
 
-    init: Callable[[RobotState], ControllerState]
-    problem: Callable[[ControllerState, RobotState, Reference], Qp]  # what `plan` solves
-    plan: Callable[[ControllerState, RobotState, Reference], ControllerState]
-    act: Callable[[ControllerState, RobotState], tuple[ControllerState, jax.Array]]
+    Its methods are pure functions of one robot's state; the caller vmaps and compiles them. They compute in float32.
+    """
 
+    robot: RobotModel
+    settings: ControlSettings  # as this robot needs them
+    constants: MpcConstants
+    solve: cascade.Solver
+    nominal_feet: Float[np.ndarray, "4 2"]  # the feet under their hips, in the plane of the trunk [m]
+    leg_inertia: Float[np.ndarray, "4 3 3"]  # of the joints at the home posture [kg m^2]
+    knee_limit_height: float  # of the trunk at which the knees reach their limits [m]
 
-def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
-    """The controller that `settings.kind` names: gait, MPC, footholds and torques, or a plugin's."""
-    if settings.kind in CONTROLLERS:
-        return make_mpc_controller(robot, settings)
-    made = plugins.find("controller", settings.kind)(robot, settings)
-    if not isinstance(made, Controller):
-        raise BadInput(f"the plugin's controller {settings.kind!r} is {type(made).__name__}, not a Controller")
-    return made
+    @in_float32
+    def init(self, robot_state: RobotState) -> ControllerState:
+        """Begin an episode with all feet down.
 
+        Args:
+            robot_state: measured, of a robot at rest.
 
-def make_mpc_controller(robot: RobotModel, settings: ControlSettings) -> Controller:
-    """Compose gait, MPC, footholds and torques for a robot."""
-    settings = scaled_to(robot, settings)
-    constants = mpc_constants(settings.mpc)
-    solve = cascade.make_solver(constants, settings.mpc)
-    gait_settings = settings.gait
-    foot_height = robot.foot_radius  # of a foot's centre when it stands on the floor z = 0
-    inertia = torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32))
-    leg_length = robot.thigh_length + robot.calf_length
-    knee_limit_height = folded_leg(robot) + foot_height
-    nominal = robot.hip_pos_base[:, :2] + np.stack([np.zeros(4), robot.abad_offset], -1)  # under the hips (4, 2) [m]
-
-    def init(state: RobotState) -> ControllerState:
-        R = quaternion_to_matrix(state.base_quat, jnp)
-        feet = state.base_pos + leg_forward_kinematics(robot, state.joint_pos) @ R.T
-        weight = composite_inertia(robot, state.joint_pos)[0] * GRAVITY
+        Returns:
+            The state, each foot carrying a quarter of the weight.
+        """
+        feet = self._feet_world(robot_state, quaternion_to_matrix(robot_state.base_quat, jnp))
+        weight = composite_inertia(self.robot, robot_state.joint_pos)[0] * GRAVITY
         return ControllerState(
-            gait=gait.start(gait_settings),
+            gait=gait.start(self.settings.gait),
             lift_off_world=feet,
             foothold_world=feet,
             velocity_planar=jnp.zeros(2),
             forces_world=jnp.zeros((4, 3)).at[:, 2].set(weight / 4),
             integral=jnp.zeros(3),
-            warm_start=cascade.cold_start(settings.mpc.horizon),
+            warm_start=cascade.cold_start(self.settings.mpc.horizon),
             diagnostics=no_diagnostics(),
         )
 
-    def problem(state: ControllerState, robot_state: RobotState, reference: Reference) -> Qp:
-        return prepare(state, robot_state, reference).qp
+    @in_float32
+    def problem(self, state: ControllerState, robot_state: RobotState, reference: Reference) -> Qp:
+        """The quadratic program that `plan` would solve; its arguments are those of `plan`."""
+        return self._prepare(state, robot_state, reference).qp
 
-    def prepare(state: ControllerState, robot_state: RobotState, reference: Reference) -> Plan:
-        body = measure(robot, robot_state)
-        feet_world = robot_state.base_pos + leg_forward_kinematics(robot, robot_state.joint_pos) @ body.R_world_base.T
+    @in_float32
+    def plan(self, state: ControllerState, robot_state: RobotState, reference: Reference) -> ControllerState:
+        """Solve the MPC for the foot forces, and set the footholds; every `plan_dt` [s].
 
-        speed = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1)).max()
-        rest = at_rest(state, body, robot_state, feet_world, reference)
-        clock = gait.schedule(gait_settings, state.gait, speed, rest, settings.plan_dt)
-        footholds = plan_footholds(clock, robot_state, body, reference)
-        error = jnp.stack([reference.pose[2] - robot_state.base_pos[2], -body.rpy[0], -body.rpy[1]])
-        limit = jnp.array(settings.integral_limit)
-        integral = state.integral + jnp.array(settings.integral_gain) * error * settings.plan_dt
-        integral = jnp.clip(integral, -limit, limit)
+        Args:
+            state: from `init` or `act`.
+            robot_state: measured.
+            reference: of the trunk; poses (N, 4) [m, rad] and velocities (N, 4) [m/s, rad/s] at the MPC's N nodes.
 
-        elapsed = settings.plan_dt / 2 + settings.mpc.mpc_dt * jnp.arange(settings.mpc.horizon)
-        contact = gait.contacts_ahead(gait_settings, clock, elapsed).astype(jnp.float32)
-        support = plan_support(clock, elapsed, feet_world, footholds, reference)
-        qp = robot_qp(constants, settings.mpc, robot, robot_state, body, reference, integral, support, contact)
-        return Plan(qp, body, clock, footholds, integral)
-
-    def plan(state: ControllerState, robot_state: RobotState, reference: Reference) -> ControllerState:
-        qp, body, clock, footholds, integral = prepare(state, robot_state, reference)
-        solution = solve(qp, cascade.shift(state.warm_start, settings.plan_dt / settings.mpc.mpc_dt))
+        Returns:
+            The state with the planned forces (4, 3) [N]. Without a solution the forces are those of the last plan.
+        """
+        qp, body, clock, footholds, integral = self._prepare(state, robot_state, reference)
+        mpc = self.settings.mpc
+        solution = self.solve(qp, cascade.shift(state.warm_start, self.settings.plan_dt / mpc.mpc_dt))
         forces_world = solution.forces[0].reshape(4, 3) @ body.R_world_yaw.T
         # Without a solution the forces of the last plan are the best guess; act leaves out those of feet in the air.
         forces_world = jnp.where(solution.status == cascade.NOT_FINITE, state.forces_world, forces_world)
@@ -140,100 +127,115 @@ def make_mpc_controller(robot: RobotModel, settings: ControlSettings) -> Control
             diagnostics=after_plan(state.diagnostics, solution, forces_world, qp.friction, qp.force_max),
         )
 
-    def at_rest(
-        state: ControllerState, body: Body, robot_state: RobotState, feet: jax.Array, reference: Reference
-    ) -> jax.Array:
-        """Whether nothing asks for a step, neither the reference nor how far the trunk has left its feet: () bool."""
-        patience = jnp.where(state.gait.stand, 2.0, 1.0)
-        speeds = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1))
-        distance = jnp.sqrt(jnp.sum((reference.pose[:2] - robot_state.base_pos[:2]) ** 2))
-        turn = jnp.abs(wrap_angle(reference.pose[3] - body.rpy[2], jnp))
-        shift = (feet - robot_state.base_pos)[:, :2] @ body.R_world_yaw[:2, :2] - nominal
-        lean = jnp.sqrt(jnp.sum(shift.mean(0) ** 2))
-        twist = jnp.abs(jnp.sum(nominal[:, 0] * shift[:, 1] - nominal[:, 1] * shift[:, 0])) / jnp.sum(nominal**2)
-        return (
-            (speeds.max() < patience * gait_settings.stand_speed)
-            & (jnp.abs(reference.velocities[:, 3]).max() < patience * REST_YAW_RATE)
-            & (distance < patience * REST_DISTANCE)
-            & (turn < patience * REST_YAW)
-            & (lean < patience * REST_LEAN)
-            & (twist < patience * REST_TWIST)
-            & (jnp.sqrt(jnp.sum(body.com_velocity_world[:2] ** 2)) < patience * REST_SPEED)
-        )
+    @in_float32
+    def act(self, state: ControllerState, robot_state: RobotState) -> tuple[ControllerState, Float[Array, "12"]]:
+        """Torques from the planned forces and the swing paths; every `control_dt` [s].
 
-    def plan_footholds(clock: gait.Gait, robot_state: RobotState, body: Body, reference: Reference) -> jax.Array:
-        """Foothold of each leg's current or next swing, shape (4, 3) in the world [m]."""
-        yaw_rate = (body.R_world_base @ robot_state.base_ang_vel_base)[2]
-        time_left = gait.time_to_touch_down(clock)  # (4,)
-        velocity = body.com_velocity_world[:2]
-        rotation = rotation_2d(body.rpy[2] + yaw_rate * time_left, jnp)  # (4, 2, 2)
-        hips = robot_state.base_pos[:2] + velocity * time_left[:, None] + jnp.einsum("lij,lj->li", rotation, nominal)
-        planar = foothold(
-            hips,
-            velocity,
-            reference.velocity[:2],
-            yaw_rate,
-            body.com_world[2],
-            gait.stance_duration(gait_settings, clock),
-            settings.raibert_gain,
-        )
-        # A crouching leg cannot reach far ahead; the height to come counts, not the present one.
-        height = jnp.minimum(robot_state.base_pos[2], reference.poses[:, 2].min())
-        reach = forward_reach(height, robot.thigh_length, robot.calf_length, foot_height, settings.knee_clearance)
-        # The smooth swing is near its foothold early, while the hip still has to come: that much less.
-        speed = velocity @ jnp.stack([jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])])
-        reach -= SWING_LEAD * gait.swing_duration(gait_settings, clock) * jnp.maximum(speed, 0.0)
-        offset = jnp.einsum("lji,lj->li", rotation, planar - hips)
-        offset = offset.at[:, 0].set(jnp.minimum(offset[:, 0], reach))
-        planar = hips + jnp.einsum("lij,lj->li", rotation, offset)
-        return jnp.concatenate([planar, jnp.full((4, 1), foot_height)], -1)
+        Args:
+            state: from `plan` or `act`.
+            robot_state: measured.
 
-    def plan_support(
-        clock: gait.Gait, elapsed: jax.Array, feet: jax.Array, footholds: jax.Array, reference: Reference
-    ) -> jax.Array:
-        """Where each foot stands at the nodes: here, after a swing on its foothold, then as far ahead as the trunk."""
-        standing = gait.standing(gait_settings, clock)
-        early = standing & ~gait.scheduled(gait_settings, clock)  # the landing of the present swing has been
-        landings = gait.landings_ahead(gait_settings, clock, elapsed)  # (N, 4)
-        stride = jnp.concatenate([reference.velocity[:2], jnp.zeros(1)]) * clock.period
-        ahead = footholds + jnp.maximum(landings - 1, 0)[..., None] * stride
-        return jnp.where((standing & (landings <= early))[..., None], feet, ahead)
-
-    def act(state: ControllerState, robot_state: RobotState) -> tuple[ControllerState, jax.Array]:
-        R = quaternion_to_matrix(robot_state.base_quat, jnp)
-        feet_base = leg_forward_kinematics(robot, robot_state.joint_pos)
-        clock = state.gait
-        feet_world = robot_state.base_pos + feet_base @ R.T
-        by_clock = gait.scheduled(gait_settings, clock)
+        Returns:
+            The state, and the torques of the joints, inside their limits, legs FR, FL, RR, RL [Nm].
+        """
+        robot, settings, clock = self.robot, self.settings, state.gait
+        R_world_base = quaternion_to_matrix(robot_state.base_quat, jnp)
+        feet_world = self._feet_world(robot_state, R_world_base)
+        by_clock = gait.scheduled(settings.gait, clock)
         lift_off = jnp.where(by_clock[:, None], feet_world, state.lift_off_world)
         # A foot that landed early follows its path until the next plan gives it a force.
-        bears = gait.standing(gait_settings, clock) & (by_clock | (state.forces_world[:, 2] > 0))
-        speed = jnp.sqrt(jnp.sum(state.velocity_planar**2))
-        late = gait.late_by(gait_settings, clock)
+        bears = gait.standing(settings.gait, clock) & (by_clock | (state.forces_world[:, 2] > 0))
+        crouch = robot_state.base_pos[2] / (robot.thigh_length + robot.calf_length)
         wanted = torques.whole_body_torque(
             robot,
             settings,
-            inertia * feed_forward_share(robot_state.base_pos[2] / leg_length),
+            self.leg_inertia * feed_forward_share(crouch),
             robot_state,
-            R,
+            R_world_base,
             bears,
             state.forces_world,
-            torques.SwingTarget(
-                lift_off,
-                state.foothold_world,
-                gait.step_height(gait_settings, speed, robot_state.base_pos[2] - knee_limit_height),
-                gait.swing_progress(gait_settings, clock),
-                gait.swing_duration(gait_settings, clock),
-                jnp.minimum(REACH_SPEED * late, REACH_DEPTH),
-                jnp.where((late > 0) & (REACH_SPEED * late < REACH_DEPTH), REACH_SPEED, 0.0),
-            ),
+            self._swing(state, robot_state, lift_off),
         )
         torque = jnp.clip(wanted, -robot.torque_limit, robot.torque_limit)
         diagnostics = after_act(state.diagnostics, robot, robot_state.joint_pos, wanted, torque, bears)
-        following = gait.advance(gait_settings, clock, settings.control_dt, robot_state.foot_contact)
+        following = gait.advance(settings.gait, clock, settings.control_dt, robot_state.foot_contact)
         return state._replace(gait=following, lift_off_world=lift_off, diagnostics=diagnostics), torque
 
-    return Controller(init, problem, plan, act)
+    def diagnostics(self, state: ControllerState) -> Diagnostics:
+        """The last solution of the MPC, saturated torques, and counts of what went wrong since `init`."""
+        return state.diagnostics
+
+    def _prepare(self, state: ControllerState, robot_state: RobotState, reference: Reference) -> Plan:
+        settings, mpc = self.settings, self.settings.mpc
+        body = measure(self.robot, robot_state)
+        feet = self._feet_world(robot_state, body.R_world_base)
+        rest = at_rest(
+            state.gait.stand, body, robot_state, feet, self.nominal_feet, reference, settings.gait.stand_speed
+        )
+        clock = gait.schedule(settings.gait, state.gait, planar_speed(reference).max(), rest, settings.plan_dt)
+        footholds = plan_footholds(self.robot, settings, self.nominal_feet, clock, robot_state, body, reference)
+
+        error = jnp.stack([reference.pose[2] - robot_state.base_pos[2], -body.rpy[0], -body.rpy[1]])
+        limit = jnp.array(settings.integral_limit)
+        integral = state.integral + jnp.array(settings.integral_gain) * error * settings.plan_dt
+        integral = jnp.clip(integral, -limit, limit)
+
+        elapsed = settings.plan_dt / 2 + mpc.mpc_dt * jnp.arange(mpc.horizon)
+        contact = gait.contacts_ahead(settings.gait, clock, elapsed).astype(jnp.float32)
+        support = plan_support(settings.gait, clock, elapsed, feet, footholds, reference)
+        qp = robot_qp(self.constants, mpc, self.robot, robot_state, body, reference, integral, support, contact)
+        return Plan(qp, body, clock, footholds, integral)
+
+    def _swing(self, state: ControllerState, robot_state: RobotState, lift_off: jax.Array) -> torques.SwingTarget:
+        """The paths of the feet; a foot that is late reaches down until it touches the ground."""
+        settings, clock = self.settings.gait, state.gait
+        speed = jnp.sqrt(jnp.sum(state.velocity_planar**2))
+        late = gait.late_by(settings, clock)
+        return torques.SwingTarget(
+            lift_off,
+            state.foothold_world,
+            gait.step_height(settings, speed, robot_state.base_pos[2] - self.knee_limit_height),
+            gait.swing_progress(settings, clock),
+            gait.swing_duration(settings, clock),
+            jnp.minimum(REACH_SPEED * late, REACH_DEPTH),
+            jnp.where((late > 0) & (REACH_SPEED * late < REACH_DEPTH), REACH_SPEED, 0.0),
+        )
+
+    def _feet_world(self, robot_state: RobotState, R_world_base: jax.Array) -> jax.Array:
+        """Centres of the feet, shape (4, 3) [m]."""
+        return robot_state.base_pos + leg_forward_kinematics(self.robot, robot_state.joint_pos) @ R_world_base.T
 
 
-__all__ = ["Controller", "ControllerState", "Reference", "make_controller"]
+def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller[PyTree]:
+    """The controller that `settings.kind` names: the library's own, or a plugin's.
+
+    Raises:
+        BadInput: the plugin's is no `Controller`.
+    """
+    if settings.kind in CONTROLLERS:
+        return make_mpc_controller(robot, settings)
+    made = plugins.find("controller", settings.kind)(robot, settings)
+    if not isinstance(made, Controller):
+        raise BadInput(f"the plugin's controller {settings.kind!r} is {type(made).__name__}, not a Controller")
+    return made
+
+
+def make_mpc_controller(robot: RobotModel, settings: ControlSettings) -> MpcController:
+    """The controller of a robot; what does not change is computed here, once.
+
+    Args:
+        robot: constants.
+        settings: as for the A1; `control.scaling` adapts them to the robot.
+    """
+    settings = scaled_to(robot, settings)
+    with jax.enable_x64(False):
+        constants = mpc_constants(settings.mpc)
+        return MpcController(
+            robot,
+            settings,
+            constants,
+            cascade.make_solver(constants, settings.mpc),
+            robot.hip_pos_base[:, :2] + np.stack([np.zeros(4), robot.abad_offset], -1),
+            torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32)),
+            folded_leg(robot) + robot.foot_radius,
+        )

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
 
 from agile_jax.control.mpc.solver.cascade import INFEASIBLE, NOT_FINITE, SOLVED, UNCONVERGED, QpSolution
 from agile_jax.robot import RobotModel
@@ -12,35 +13,37 @@ CONSTRAINT_TOLERANCE = 1e-3  # by which a force [N], a torque [Nm] or a joint [r
 
 
 class Counts(NamedTuple):
-    """How often since the start. All () int32; a value that is not a number counts as broken."""
+    """How often since the start, each () int32; a value that is not a number counts as broken."""
 
-    mpc_failures: jax.Array  # plans whose problem was not solved, for one of the next three reasons
-    mpc_infeasible: jax.Array  # plans in which no forces kept the joints' positions: those that break them least
-    mpc_unconverged: jax.Array  # plans in which the iterations ran out: the last iterate, inside cones and torques
-    mpc_not_finite: jax.Array  # plans without a solution: the forces of the plan before
-    cone_violations: jax.Array  # plans with a commanded force outside its friction cone or its bounds
-    torque_violations: jax.Array  # commands with a torque over its limit
-    joint_violations: jax.Array  # commands at which a measured joint was past its limit
-    stance_saturations: jax.Array  # commands in which a standing leg's planned torque was cut to its limit
+    mpc_failures: Int[Array, ""]  # plans whose problem was not solved, for one of the next three reasons
+    mpc_infeasible: Int[Array, ""]  # plans in which no forces kept the joints' positions: those that break them least
+    mpc_unconverged: Int[Array, ""]  # plans in which the iterations ran out: the last iterate, inside cones and torques
+    mpc_not_finite: Int[Array, ""]  # plans without a solution: the forces of the plan before
+    cone_violations: Int[Array, ""]  # plans with a commanded force outside its friction cone or its bounds
+    torque_violations: Int[Array, ""]  # commands with a torque over its limit
+    joint_violations: Int[Array, ""]  # commands at which a measured joint was past its limit
+    stance_saturations: Int[Array, ""]  # commands in which a standing leg's planned torque was cut to its limit
 
 
 class Diagnostics(NamedTuple):
-    """The last plan and the last command, and the counts."""
+    """The last plan and the last command of one robot, and the counts."""
 
-    status: jax.Array  # () int32, of `cone_qp`
-    primal_residual: jax.Array  # () [N]
-    dual_residual: jax.Array  # () [N]
-    joint_violation: jax.Array  # () predicted, of the rows of joint positions [rad]
-    iterations: jax.Array  # () int32, of the solver's second pass
-    saturated: jax.Array  # (12,) bool: torques cut to their limit
+    status: Int[Array, ""]  # SOLVED, INFEASIBLE, UNCONVERGED or NOT_FINITE of `mpc.solver`
+    primal_residual: Float[Array, ""]  # [N]
+    dual_residual: Float[Array, ""]  # [N]
+    cone_violation: Float[Array, ""]  # |f_xy| - mu f_z of the commanded forces, the largest of the feet [N]
+    joint_violation: Float[Array, ""]  # predicted, of the rows of joint positions [rad]
+    iterations: Int[Array, ""]  # of the solver's second pass, plus steps of its third
+    saturated: Bool[Array, "12"]  # torques cut to their limit
     counts: Counts
 
 
 def no_diagnostics() -> Diagnostics:
     """Before the first plan."""
-    zero = jnp.zeros(())
+    zero = jnp.float32(0.0)
     return Diagnostics(
         jnp.int32(SOLVED),
+        zero,
         zero,
         zero,
         zero,
@@ -56,6 +59,7 @@ def after_plan(
     """Record a solution and judge the forces (4, 3) [N] that are commanded."""
     counts = diagnostics.counts
     tangential = jnp.sqrt(jnp.sum(forces[:, :2] ** 2, -1))
+    over = tangential - friction * forces[:, 2]
     inside = (tangential <= friction * forces[:, 2] + CONSTRAINT_TOLERANCE) & (
         forces[:, 2] <= force_max + CONSTRAINT_TOLERANCE
     )
@@ -63,6 +67,7 @@ def after_plan(
         status=solution.status,
         primal_residual=solution.primal_residual,
         dual_residual=solution.dual_residual,
+        cone_violation=over.max(),
         joint_violation=solution.joint_violation,
         iterations=solution.iterations,
         counts=counts._replace(
@@ -106,9 +111,3 @@ def after_act(
             stance_saturations=counts.stance_saturations + (saturated & jnp.repeat(standing, 3)).any(),
         ),
     )
-
-
-def keep_counts(running: jax.Array, new: Diagnostics, old: Diagnostics) -> Diagnostics:
-    """The new diagnostics, with the old counts unless `running` () bool."""
-    counts = jax.tree.map(lambda after, before: jnp.where(running, after, before), new.counts, old.counts)
-    return new._replace(counts=counts)

@@ -103,7 +103,7 @@ class ControlSettings(Settings):
     """
     integral_limit: PositiveVector3 = (0.03, 0.15, 0.15)
     """Largest corrections by these integrals in z, roll and pitch [m, rad, rad]."""
-    leash: PositiveVector3 = (0.05, 0.03, 0.15)
+    lead_limit: PositiveVector3 = (0.05, 0.03, 0.15)
     """How far the reference may lead the robot: in the plane, in height, in yaw [m, m, rad]."""
 
     @model_validator(mode="after")

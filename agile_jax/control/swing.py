@@ -1,62 +1,12 @@
-"""Swing legs: the foothold (Raibert 1986) and the foot's path to it."""
+"""Swing legs: the path of a foot to its foothold, and how much of its inertia is fed forward."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.robot import GRAVITY, RobotModel
+from agile_jax.robot import RobotModel
 
 FOLDED, UPRIGHT = 0.5, 0.6  # height over leg length between which the swing's feed-forward fades in
-
-
-def foothold(
-    hip_ground: jax.Array,
-    velocity: jax.Array,
-    velocity_reference: jax.Array,
-    yaw_rate: jax.Array,
-    height: jax.Array,
-    stance_duration: jax.Array,
-    gain: float,
-) -> jax.Array:
-    """Where a foot should land, in the plane.
-
-    The hip's position at touchdown, plus half of the way that the body covers during stance (the neutral point), plus
-    the velocity error times `gain` (Raibert), plus the centripetal term z/g v x w of the turning body (Di Carlo et
-    al. 2018, equation 33).
-
-    Args:
-        hip_ground: the hip's place on the ground at touchdown, shape (4, 2) [m].
-        velocity, velocity_reference: of the body in the plane, shape (2,) [m/s].
-        yaw_rate: () [rad/s].
-        height: of the body () [m].
-        stance_duration: [s].
-        gain: [s].
-
-    Returns:
-        Shape (4, 2) [m].
-    """
-    neutral = velocity * stance_duration / 2
-    centripetal = 0.5 * height / GRAVITY * jnp.stack([velocity[1] * yaw_rate, -velocity[0] * yaw_rate])
-    return hip_ground + neutral + gain * (velocity - velocity_reference) + centripetal
-
-
-def forward_reach(
-    hip_height: jax.Array, thigh_length: float, calf_length: float, foot_radius: float, knee_clearance: float
-) -> jax.Array:
-    """How far ahead of its hip a foot can stand with the knee still off the floor [m].
-
-    The knee bends backward: the further ahead the foot of a crouching robot, the steeper and lower the thigh. With
-    the knee at height c and the foot's centre at r, the thigh spans sqrt(l1^2 - (h - c)^2) back and the calf
-    sqrt(l2^2 - (c - r)^2) ahead.
-
-    Args:
-        hip_height: h [m].
-        thigh_length, calf_length: l1, l2 [m].
-        foot_radius: r [m].
-        knee_clearance: c [m].
-    """
-    back = jnp.sqrt(jnp.maximum(thigh_length**2 - (hip_height - knee_clearance) ** 2, 0.0))
-    return jnp.sqrt(calf_length**2 - (knee_clearance - foot_radius) ** 2) - back
 
 
 def feed_forward_share(crouch: jax.Array) -> jax.Array:
@@ -79,8 +29,8 @@ def swing_path(
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Position and velocity on the way from `lift_off` to `touch_down`.
 
-    A cubic smooth step in the plane, and for the height two of them, up and down: velocity is zero at both ends and
-        at the top.
+    A cubic smooth step in the plane, and for the height two of them, up and down: velocity is zero at both ends
+    and at the top.
 
     Args:
         lift_off, touch_down: shape (..., 3) [m].

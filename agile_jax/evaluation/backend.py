@@ -9,7 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.control import ControlSettings
+from agile_jax.control import ControllerState, ControlSettings, make_controller
 from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.expert import ExpertSettings
@@ -20,18 +20,18 @@ from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes,
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene, planar_scene
 from agile_jax.settings import BadInput
 from agile_jax.simulation import (
-    Command,
+    ClosedLoop,
+    Guidance,
     Implementation,
     MjxSlots,
     MujocoPhysics,
     MujocoSlots,
     batch_loop,
     check_warp,
-    make_closed_loop,
     mjx_init,
     mjx_loop,
-    path_command,
-    policy_command,
+    path_guidance,
+    policy_guidance,
 )
 from agile_jax.training import load_policy
 
@@ -58,7 +58,7 @@ class Inputs(Protocol):
 class Backend(NamedTuple):
     """What simulates episodes."""
 
-    slots: MujocoSlots | MjxSlots
+    slots: MujocoSlots[ControllerState] | MjxSlots[ControllerState]
     qpos: Callable[[np.ndarray], np.ndarray]  # starts (n, 4) -> initial configurations (n, nq)
     device: str
     plan_dt: float  # between two samples of a trace [s]
@@ -86,11 +86,12 @@ def make_backend(inputs: Inputs, parameters: Any, slots: int, threads: int) -> B
     """
     scene = make_scene(inputs.scene)
     acceleration_limit = np.array(inputs.expert.acceleration)
-    command = _command(inputs, scene)
+    guidance = _guidance(inputs, scene)
     robot = load_robot(inputs.robot)
     model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
     shapes = collision_shapes(model)
-    loop = make_closed_loop(scene, robot, shapes, inputs.control, command, acceleration_limit)
+    controller = make_controller(robot, inputs.control)
+    loop = ClosedLoop(scene, robot, shapes, inputs.control, guidance, acceleration_limit, controller)
 
     def qpos(starts: np.ndarray) -> np.ndarray:
         return np.asarray(jax.vmap(lambda start: standing_qpos(robot, start))(np.asarray(starts, np.float32)))
@@ -101,7 +102,7 @@ def make_backend(inputs: Inputs, parameters: Any, slots: int, threads: int) -> B
         if planner is not None:
             return float(np.median(planner.solve_times))
         still, now = jnp.zeros(POSE_SIZE), jnp.float32(0.0)
-        query = jax.jit(jax.vmap(lambda pose: command(parameters, (), pose, still, now, inputs.control.plan_dt)))
+        query = jax.jit(jax.vmap(lambda pose: guidance(parameters, None, pose, still, now, inputs.control.plan_dt)))
         return _median_latency(query, np.tile(np.float32(scene.target), (slots, 1))) / slots
 
     plan_dt = inputs.control.plan_dt
@@ -130,12 +131,12 @@ def check_devices(settings: EvaluationSettings) -> int:
     return settings.devices
 
 
-def _command(inputs: Inputs, scene: Scene) -> Command:
+def _guidance(inputs: Inputs, scene: Scene) -> Guidance:
     """What the reference follows."""
     if inputs.evaluation.planner == "policy":
-        return policy_command(make_policy(scene, inputs.expert.limits, inputs.policy).command)
+        return policy_guidance(make_policy(scene, inputs.expert.limits, inputs.policy).command)
     if inputs.evaluation.planner != "straight":
-        return path_command
+        return path_guidance
     limits, rate = inputs.expert.limits, inputs.policy.approach_rate
 
     def straight(_: Any, pose: jax.Array, velocity: jax.Array, dt: float) -> jax.Array:
@@ -143,7 +144,7 @@ def _command(inputs: Inputs, scene: Scene) -> Command:
         error = error.at[3].set(wrap_angle(error[3], jnp))
         return braking_law(error, limits, rate).velocity
 
-    return policy_command(straight)
+    return policy_guidance(straight)
 
 
 def _planner(inputs: Inputs, scene: Scene, slots: int) -> ExpertPlanner | None:

@@ -6,7 +6,7 @@ import numpy as np
 
 from agile_jax.expert import ExpertSettings, make_expert, planning_margin
 from agile_jax.scene import POSE_SIZE, Scene, clearance
-from agile_jax.simulation import Path
+from agile_jax.simulation import TimedPath
 
 INSET = 1e-6  # [m, rad] a measured pose is moved into the bounds by this
 
@@ -24,7 +24,7 @@ class ExpertPlanner:
         self._scene, self._settings, self._interval = scene, settings, interval
         self._expert = make_expert(scene, settings)
         nodes = settings.nodes + 1
-        self._paths = Path(
+        self._paths = TimedPath(
             np.tile(np.arange(nodes, dtype=float), (slots, 1)),
             np.zeros((slots, nodes, POSE_SIZE)),
             np.zeros((slots, nodes, POSE_SIZE)),
@@ -33,9 +33,9 @@ class ExpertPlanner:
         self.solve_times: list[float] = []  # of every query [s]
 
     @property
-    def paths(self) -> Path:
+    def paths(self) -> TimedPath:
         """The present path in each slot."""
-        return Path(*(np.asarray(values, np.float32) for values in self._paths))
+        return TimedPath(*(np.asarray(values, np.float32) for values in self._paths))
 
     def begin(self, slots: np.ndarray, poses: np.ndarray) -> None:
         """Plan for new episodes from rest."""

@@ -10,12 +10,14 @@ import contextlib
 import copy
 import io
 from collections.abc import Callable
-from typing import Any, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import mujoco
+from jaxtyping import Float
 
+from agile_jax.arrays import AnyArray
 from agile_jax.settings import BadInput
 from agile_jax.simulation.sensed import Sensed, TouchSlots, contact_flags, touch_slots
 
@@ -35,9 +37,9 @@ Implementation = Literal["jax", "warp"]
 class MjxModel(NamedTuple):
     """A model on the device."""
 
-    model: Any  # mjx.Model
+    model: mjx.Model
     slots: TouchSlots
-    make_data: Callable[[], Any]  # mjx.Data of one robot
+    make_data: Callable[[], mjx.Data]  # of one robot
 
 
 def check_warp() -> None:
@@ -63,7 +65,7 @@ def mjx_init(model: mujoco.MjModel, implementation: Implementation = "jax", robo
         BadInput: MJX has no collision between two kinds of shape of this model.
     """
 
-    def make_data() -> Any:
+    def make_data() -> mjx.Data:
         if implementation == "warp":
             return mjx.make_data(model, impl="warp", naconmax=MAX_CONTACTS * robots, njmax=MAX_ROWS)
         return mjx.make_data(on_device, impl="jax")
@@ -73,7 +75,8 @@ def mjx_init(model: mujoco.MjModel, implementation: Implementation = "jax", robo
     if implementation == "warp":  # it never resets by itself, and refuses models that ask it not to
         model.opt.disableflags &= ~int(mujoco.mjtDisableBit.mjDSBL_AUTORESET)
     try:
-        on_device = mjx.put_model(model, impl=implementation)
+        with jax.enable_x64(False):
+            on_device = mjx.put_model(model, impl=implementation)
     except NotImplementedError as error:
         raise BadInput(
             f'MJX cannot simulate this robot in this scene: {error}; use evaluation.backend = "mujoco"'
@@ -81,12 +84,13 @@ def mjx_init(model: mujoco.MjModel, implementation: Implementation = "jax", robo
     return MjxModel(on_device, touch_slots(model), make_data)
 
 
-def mjx_reset(model: MjxModel, qpos: jax.Array) -> Any:
-    """Data of the robot at rest at coordinates (19,)."""
-    return model.make_data().replace(qpos=jnp.asarray(qpos))
+def mjx_reset(model: MjxModel, qpos: Float[AnyArray, "19"]) -> mjx.Data:
+    """Data of the robot at rest at coordinates [m, quaternion wxyz, rad]."""
+    with jax.enable_x64(False):
+        return model.make_data().replace(qpos=jnp.asarray(qpos, jnp.float32))
 
 
-def mjx_step(model: MjxModel, data: Any, torque: jax.Array) -> tuple[Any, Sensed]:
+def mjx_step(model: MjxModel, data: mjx.Data, torque: Float[AnyArray, "12"]) -> tuple[mjx.Data, Sensed]:
     """Advance by one time step of the model.
 
     A torque or state that is not finite makes the state NaN from then on; such a state touches nothing.
@@ -94,9 +98,10 @@ def mjx_step(model: MjxModel, data: Any, torque: jax.Array) -> tuple[Any, Sensed
     Args:
         model: of `mjx_init`.
         data: of `mjx_reset` or of the last step.
-        torque: shape (12,) [Nm]; clamped to the limits by the model.
+        torque: [Nm]; clamped to the limits by the model.
     """
-    data = mjx.step(model.model, data.replace(ctrl=torque))
+    with jax.enable_x64(False):
+        data = mjx.step(model.model, data.replace(ctrl=jnp.asarray(torque, jnp.float32)))
     flags = contact_flags(data.sensordata, model.slots)
     sound = jnp.isfinite(data.qpos).all() & jnp.isfinite(data.qvel).all()
     return data, Sensed(data.qpos, data.qvel, *(flag & sound for flag in flags))

@@ -3,44 +3,108 @@
 Over several devices each simulates its share of the robots; nothing passes between them.
 """
 
+import dataclasses
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import Generic, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from agile_jax.simulation.mjx_physics import MjxModel, mjx_reset, mjx_step
+from agile_jax.control.interface import State
+from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
+from agile_jax.simulation.mjx_physics import MjxModel, mjx, mjx_reset, mjx_step
 from agile_jax.simulation.outcome import RUNNING
-from agile_jax.simulation.rollout import ClosedLoop, Episode, resume_from
+from agile_jax.simulation.plan_cycle import compiled, plan_cycle
 from agile_jax.simulation.sensed import Sensed
-from agile_jax.simulation.slots import Rollout
+from agile_jax.simulation.streaming import Rollout
 from agile_jax.simulation.traces import Sample, sample_of
 
 SEGMENT = 10  # plans between two looks at who has ended
 
 
-class MjxState(NamedTuple):
+class MjxState(NamedTuple, Generic[State]):
     """One robot in MJX and its loop."""
 
-    data: Any  # mjx.Data
-    episode: Episode
+    data: mjx.Data
+    episode: Episode[State]
     sensed: Sensed
-    plans: jax.Array  # () int32
+    plans: Int[Array, ""]  # made in this episode
 
 
-class MjxLoop(NamedTuple):
-    """Compiled functions of many robots, a multiple of the number of devices; compiled anew for each number of them."""
+Recorded = tuple[Bool[Array, "n segment"], Sample]  # was it running, samples (n, SEGMENT, ...)
 
-    first: Callable[..., MjxState]  # (qpos (n, nq), time limits (n,)) -> states
-    begin: Callable[..., MjxState]  # (mask (n,), qpos, time limits, states) -> states, new where masked
-    # (policy parameters, states) -> states a segment later; was it running (n, SEGMENT), samples (n, SEGMENT, ...)
-    advance: Callable[..., tuple[MjxState, tuple[jax.Array, Sample]]]
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class MjxLoop(Generic[State]):
+    """Compiled functions of n robots, a multiple of the number of devices; compiled anew for each n."""
+
+    first: Callable[[Float[np.ndarray, "n nq"], Float[np.ndarray, " n"]], MjxState[State]]  # (qpos, time limits [s])
+    # (where new episodes begin, qpos, time limits [s], states, which it consumes)
+    begin: Callable[
+        [Bool[np.ndarray, " n"], Float[np.ndarray, "n nq"], Float[np.ndarray, " n"], MjxState[State]], MjxState[State]
+    ]
+    # (policy parameters, states, which it consumes) -> states a segment later, and what was on the way
+    advance: Callable[[PyTree, MjxState[State]], tuple[MjxState[State], Recorded]]
     devices: int
 
 
-def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
+@dataclasses.dataclass(frozen=True, eq=False)
+class MjxEpisode(Generic[State]):
+    """The functions of one robot that `mjx_loop` compiles for many."""
+
+    loop: ClosedLoop[State]
+    model: MjxModel
+
+    def init(self, qpos: Float[Array, " nq"], limit: Float[Array, ""]) -> MjxState[State]:
+        """Begin an episode at rest at coordinates `qpos`, with a time limit [s]."""
+        nothing = jnp.bool_(False)
+        sensed = Sensed(qpos, jnp.zeros(self.model.model.nv, qpos.dtype), nothing, nothing, jnp.zeros(4, bool))
+        return MjxState(mjx_reset(self.model, qpos), self.loop.init(sensed, limit), sensed, jnp.int32(0))
+
+    def begin(
+        self, mask: Bool[Array, " n"], qpos: Float[Array, "n nq"], limits: Float[Array, " n"], states: MjxState[State]
+    ) -> MjxState[State]:
+        """Begin new episodes where `mask` is set, of many robots."""
+        return resume_from(mask, jax.vmap(self.init)(qpos, limits), states)
+
+    def advance(self, parameters: PyTree, state: MjxState[State]) -> tuple[MjxState[State], Recorded]:
+        """A segment of plans."""
+        return jax.lax.scan(lambda carry, _: self._one_plan(parameters, carry), state, None, length=SEGMENT)
+
+    def _one_plan(self, parameters: PyTree, state: MjxState[State]) -> tuple[MjxState[State], Recorded]:
+        running = state.episode.outcome.status == RUNNING
+        data, episode, sensed = plan_cycle(
+            FollowsPolicy(self.loop, parameters),
+            lambda data, episode: mjx_step(self.model, data, episode.torque),
+            state.data,
+            state.episode,
+            state.sensed,
+            self.loop.acts_per_plan,
+            compiled,
+        )
+        return MjxState(data, episode, sensed, state.plans + running), (running, sample_of(episode, sensed))
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class FollowsPolicy(Generic[State]):
+    """A closed loop with the parameters of its policy."""
+
+    loop: ClosedLoop[State]
+    parameters: PyTree
+
+    def plan(self, episode: Episode[State], sensed: Sensed) -> Episode[State]:
+        """`ClosedLoop.plan`."""
+        return self.loop.plan(self.parameters, None, episode, sensed)
+
+    def act(self, episode: Episode[State], sensed: Sensed) -> Episode[State]:
+        """`ClosedLoop.act`."""
+        return self.loop.act(episode, sensed)
+
+
+def mjx_loop(loop: ClosedLoop[State], model: MjxModel, devices: int = 1) -> MjxLoop[State]:
     """Compile a closed loop with its physics; keep it, a second one would compile again.
 
     Args:
@@ -48,68 +112,41 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
         model: from `mjx_init`.
         devices: how many of JAX's devices share the robots.
     """
-
-    def one_act(carry: tuple[Any, Episode, Sensed], _: None) -> tuple[tuple[Any, Episode, Sensed], None]:
-        data, episode, sensed = carry
-        episode = loop.act(episode, sensed)
-        data, sensed = mjx_step(model, data, episode.torque)
-        return (data, episode, sensed), None
-
-    def one_plan(parameters: Any, state: MjxState) -> tuple[MjxState, tuple[jax.Array, Sample]]:
-        running = state.episode.outcome.status == RUNNING
-        episode = loop.plan(parameters, (), state.episode, state.sensed)
-        carry = (state.data, episode, state.sensed)
-        (data, episode, sensed), _ = jax.lax.scan(one_act, carry, None, length=loop.acts_per_plan)
-        return MjxState(data, episode, sensed, state.plans + running), (running, sample_of(episode, sensed))
-
-    def init(qpos: jax.Array, limit: jax.Array) -> MjxState:
-        touches_nothing = jnp.bool_(False)
-        sensed = Sensed(
-            qpos, jnp.zeros(model.model.nv, qpos.dtype), touches_nothing, touches_nothing, jnp.zeros(4, bool)
-        )
-        return MjxState(mjx_reset(model, qpos), loop.init(sensed, limit), sensed, jnp.int32(0))
-
-    def begin(mask: jax.Array, qpos: jax.Array, limits: jax.Array, states: MjxState) -> MjxState:
-        return resume_from(mask, jax.vmap(init)(qpos, limits), states)
-
-    def advance(parameters: Any, state: MjxState) -> tuple[MjxState, tuple[jax.Array, Sample]]:
-        return jax.lax.scan(lambda carry, _: one_plan(parameters, carry), state, None, length=SEGMENT)
-
-    mesh, robots, everywhere = (
-        Mesh(np.array(jax.devices()[:devices]), ("robots",)),
-        PartitionSpec("robots"),
-        PartitionSpec(),
+    one = MjxEpisode(loop, model)
+    mesh = Mesh(np.array(jax.devices()[:devices]), ("robots",))
+    robots, everywhere = PartitionSpec("robots"), PartitionSpec()
+    first = jax.shard_map(jax.vmap(one.init), mesh=mesh, in_specs=(robots,) * 2, out_specs=robots, check_vma=False)
+    begin = jax.shard_map(one.begin, mesh=mesh, in_specs=(robots,) * 4, out_specs=robots, check_vma=False)
+    advance = jax.shard_map(
+        jax.vmap(one.advance, in_axes=(None, 0)),
+        mesh=mesh,
+        in_specs=(everywhere, robots),
+        out_specs=robots,
+        check_vma=False,
     )
-
-    def shared(function: Callable[..., Any], *specs: PartitionSpec) -> Callable[..., Any]:
-        return jax.shard_map(function, mesh=mesh, in_specs=specs, out_specs=robots, check_vma=False)
-
-    return MjxLoop(
-        jax.jit(shared(jax.vmap(init), robots, robots)),
-        jax.jit(shared(begin, robots, robots, robots, robots), donate_argnums=3),
-        jax.jit(shared(jax.vmap(advance, in_axes=(None, 0)), everywhere, robots), donate_argnums=1),
-        devices,
-    )
+    return MjxLoop(jax.jit(first), jax.jit(begin, donate_argnums=3), jax.jit(advance, donate_argnums=1), devices)
 
 
-class MjxSlots:
+class MjxSlots(Generic[State]):
     """Slots in MJX. One advance is a segment of plans on the device."""
 
     plans_per_advance = SEGMENT
 
-    def __init__(self, loop: MjxLoop, count: int, parameters: Any) -> None:
+    def __init__(self, loop: MjxLoop[State], count: int, parameters: PyTree) -> None:
         """Args: loop: from `mjx_loop`; count: of the slots, at least; parameters: of the policy."""
         self._loop, self._parameters = loop, parameters
         self._count = -(-count // loop.devices) * loop.devices
-        self._states: MjxState | None = None
+        self._states: MjxState[State] | None = None
 
     @property
     def count(self) -> int:
         """How many episodes run at once."""
         return self._count
 
-    def begin(self, slots: np.ndarray, qpos: np.ndarray, time_limits: np.ndarray) -> None:
-        """Start new episodes."""
+    def begin(
+        self, slots: Int[np.ndarray, " k"], qpos: Float[np.ndarray, "k nq"], time_limits: Float[np.ndarray, " k"]
+    ) -> None:
+        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s]."""
         all_qpos = np.repeat(np.asarray(qpos[:1], np.float32), self._count, 0)
         limits = np.zeros(self._count, np.float32)
         mask = np.zeros(self._count, bool)
@@ -119,20 +156,21 @@ class MjxSlots:
         else:
             self._states = self._loop.begin(mask, all_qpos, limits, self._states)
 
-    def advance(self) -> np.ndarray:
-        """Simulate a segment."""
+    def advance(self) -> Int[np.ndarray, " count"]:
+        """Simulate a segment; the status of every slot."""
+        assert self._states is not None
         self._states, (self._running, self._samples) = self._loop.advance(self._parameters, self._states)
         return np.asarray(self._states.episode.outcome.status)
 
-    def read(self, slots: np.ndarray) -> Rollout:
+    def read(self, slots: Int[np.ndarray, " k"]) -> Rollout:
         """The results in some slots."""
         assert self._states is not None
         episode, plans = self._states.episode, np.asarray(self._states.plans)
-        outcome = jax.tree.map(lambda values: np.asarray(values)[slots], episode.outcome)
-        counts = jax.tree.map(lambda values: np.asarray(values)[slots], episode.controller.diagnostics.counts)
+        ended = episode.outcome, episode.diagnostics.counts
+        outcome, counts = jax.tree.map(lambda values: np.asarray(values)[slots], ended)
         return Rollout(outcome, counts, plans[slots])
 
-    def snapshot(self) -> tuple[np.ndarray, Sample]:
+    def snapshot(self) -> tuple[Bool[np.ndarray, "count segment"], Sample]:
         """The states of all slots after each plan of the last segment, still on the device."""
         return np.asarray(self._running), self._samples
 

@@ -9,6 +9,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy
 from agile_jax.scene import Scene, clearance, within_tolerance
@@ -25,22 +26,22 @@ LARGEST_SPEED = 1e3  # of any coordinate [m/s, rad/s]; beyond it the simulation 
 class Outcome(NamedTuple):
     """State of one episode's judgement; sums are over its physics steps while it runs."""
 
-    status: jax.Array  # () int32, RUNNING or one of the outcomes
-    time: jax.Array  # () [s]; the time of the end once it has ended
-    time_limit: jax.Array  # () [s]
-    inside_since: jax.Array  # () time at which the trunk entered the target's tolerance [s]; infinity outside it
-    min_clearance: jax.Array  # () of the robot's collision geometry [m]
-    min_envelope_clearance: jax.Array  # () of the torso's envelope, which the planner keeps clear [m]
-    planar_error: jax.Array  # () distance to the target in the plane [m]
-    velocity_error_sum: jax.Array  # () [m^2/s^2]
-    saturated: jax.Array  # () joints at their torque limit, summed over steps
-    work: jax.Array  # () positive mechanical work of the joints [J]
-    distance: jax.Array  # () travelled in the plane [m]
-    steps: jax.Array  # () int32
+    status: Int[Array, ""]  # RUNNING or one of the outcomes
+    time: Float[Array, ""]  # [s]; the time of the end once it has ended
+    time_limit: Float[Array, ""]  # [s]
+    inside_since: Float[Array, ""]  # time at which the trunk entered the target's tolerance [s]; infinity outside it
+    min_clearance: Float[Array, ""]  # of the robot's collision geometry [m]
+    min_envelope_clearance: Float[Array, ""]  # of the torso's envelope, which the planner keeps clear [m]
+    planar_error: Float[Array, ""]  # distance to the target in the plane [m]
+    velocity_error_sum: Float[Array, ""]  # [m^2/s^2]
+    saturated: Float[Array, ""]  # joints at their torque limit, summed over steps
+    work: Float[Array, ""]  # positive mechanical work of the joints [J]
+    distance: Float[Array, ""]  # travelled in the plane [m]
+    steps: Int[Array, ""]
 
 
-def init_outcome(time_limit: jax.Array) -> Outcome:
-    """An episode about to begin."""
+def init_outcome(time_limit: Float[Array, ""]) -> Outcome:
+    """An episode about to begin, with a time limit [s]."""
     zero, infinity = jnp.float32(0.0), jnp.float32(jnp.inf)
     return Outcome(
         status=jnp.int32(RUNNING),
@@ -58,8 +59,8 @@ def init_outcome(time_limit: jax.Array) -> Outcome:
     )
 
 
-def trunk_pose(sensed: Sensed) -> jax.Array:
-    """[x, y, z, yaw] of the trunk, shape (4,) [m, rad]."""
+def trunk_pose(sensed: Sensed) -> Float[Array, "4"]:
+    """[x, y, z, yaw] of the trunk [m, rad]."""
     yaw = quaternion_to_rpy(sensed.qpos[3:7], jnp)[2]
     return jnp.concatenate([sensed.qpos[:3], yaw[None]])
 
@@ -68,10 +69,10 @@ def update_outcome(
     outcome: Outcome,
     sensed: Sensed,
     scene: Scene,
-    nearest: jax.Array,
-    reference_velocity: jax.Array,
-    torque: jax.Array,
-    torque_limit: jax.Array,
+    nearest: Float[Array, ""],
+    reference_velocity: Float[Array, "2"],
+    torque: Float[Array, "12"],
+    torque_limit: Float[Array, "12"],
     dt: float,
 ) -> Outcome:
     """Judge one physics step. An episode that has ended does not change.
@@ -80,10 +81,10 @@ def update_outcome(
         outcome: so far.
         sensed: after the step.
         scene: target and obstacles.
-        nearest: () clearance of the robot's collision geometry [m].
-        reference_velocity: of the trunk in the plane, shape (2,) [m/s].
-        torque: during the step, shape (12,) [Nm].
-        torque_limit: shape (12,) [Nm].
+        nearest: clearance of the robot's collision geometry [m].
+        reference_velocity: of the trunk in the plane [m/s].
+        torque: during the step [Nm].
+        torque_limit: [Nm].
         dt: of the step [s].
     """
     finite = jnp.isfinite(sensed.qpos).all() & (jnp.abs(sensed.qvel) < LARGEST_SPEED).all()

@@ -1,45 +1,48 @@
 """Following a given path instead of a policy: what the other planners of a comparison have the robot do.
 
-A path is a field that depends on time: its velocity at that time, plus a pull back to where it should be by then.
+A path guides by a velocity that depends on time: the path's own, plus a pull back to where the robot should be by then.
 """
 
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
-import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from agile_jax.arrays import AnyArray
 from agile_jax.geometry import wrap_angle
 from agile_jax.scene import POSE_SIZE
 
 PULL = 2.0  # velocity per position error [1/s]
 
 
-class Path(NamedTuple):
+class TimedPath(NamedTuple):
     """Timed poses of one episode; leading axis n for a batch."""
 
-    times: Any  # (K,) [s]
-    poses: Any  # (K, 4) [m, rad]
-    rates: Any  # (K, 4) [m/s, rad/s]
-    begun: Any  # () when it began, on the clock of the episode [s]
+    times: Float[AnyArray, " K"]  # from the begin of the path [s]
+    poses: Float[AnyArray, "K 4"]  # [m, rad]
+    rates: Float[AnyArray, "K 4"]  # [m/s, rad/s]
+    begun: Float[AnyArray, ""]  # when the path began, on the clock of the episode [s]
 
 
 class PathPlanner(Protocol):
-    """Plans on the host for every slot."""
+    """Plans on the host for each of n slots."""
 
     @property
-    def paths(self) -> Path:
+    def paths(self) -> TimedPath:
         """The present path in each slot, leading axis n."""
 
-    def begin(self, slots: np.ndarray, poses: np.ndarray) -> None:
-        """New episodes in `slots`, shape (k,), at rest at poses (k, 4)."""
+    def begin(self, slots: Int[np.ndarray, " k"], poses: Float[np.ndarray, "k 4"]) -> None:
+        """New episodes in some slots, at rest at poses [m, rad]."""
 
-    def advance(self, poses: np.ndarray, times: np.ndarray, active: np.ndarray) -> None:
-        """Before every plan: the measured poses (n, 4), the clocks (n,) [s], and who is running (n,)."""
+    def advance(
+        self, poses: Float[np.ndarray, "n 4"], times: Float[np.ndarray, " n"], active: Bool[np.ndarray, " n"]
+    ) -> None:
+        """Before every plan: the measured poses [m, rad], the episodes' clocks [s], and who is running."""
 
 
-def path_velocity(path: Path, pose: jax.Array, time: jax.Array) -> jax.Array:
-    """Velocity (4,) that follows a path from a pose (4,) at a time [s]."""
+def path_velocity(path: TimedPath, pose: Float[Array, "4"], time: Float[Array, ""]) -> Float[Array, "4"]:
+    """Velocity that follows a path from a pose [m, rad] at a time [s]. In [m/s, rad/s]."""
     since = time - path.begun
     wanted = jnp.stack([jnp.interp(since, path.times, path.poses[:, i]) for i in range(POSE_SIZE)])
     rate = jnp.stack([jnp.interp(since, path.times, path.rates[:, i], right=0.0) for i in range(POSE_SIZE)])
@@ -47,9 +50,14 @@ def path_velocity(path: Path, pose: jax.Array, time: jax.Array) -> jax.Array:
     return rate + PULL * error.at[3].set(wrap_angle(error[3], jnp))
 
 
-def path_command(
-    parameters: Any, path: Path, pose: jax.Array, velocity: jax.Array, time: jax.Array, dt: float
-) -> jax.Array:
-    """`path_velocity` as what a reference follows (reference.Command)."""
-    del parameters
+def path_guidance(
+    parameters: PyTree,
+    path: TimedPath | None,
+    pose: Float[Array, "4"],
+    velocity: Float[Array, "4"],
+    time: Float[Array, ""],
+    dt: float,
+) -> Float[Array, "4"]:
+    """`path_velocity` after the next step: the `reference.Guidance` of a path."""
+    assert path is not None, "this guidance follows a path"
     return path_velocity(path, pose + velocity * dt, time + dt)

@@ -1,63 +1,94 @@
 """From what is followed, a policy or a path, to the MPC's reference.
 
-The reference is a pose that follows the policy under the expert's acceleration limits, starting from the measured
-state and held within a leash of it: it can pull the robot (the position error of a robot that lags), but never run
+The reference is a pose that follows the guidance under the expert's acceleration limits, starting from the measured
+state and limited in its lead over it: it can pull the robot (the position error of a robot that lags), but never run
 away from it.
 """
 
-from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, PyTree
 
 from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
 from agile_jax.policy.velocity_tracker import track
+from agile_jax.simulation.paths import TimedPath
 
-# (parameters, path, pose (4,), velocity (4,), time (), dt) -> wanted velocity after dt (4,). A policy ignores path and
-# time; what follows a path ignores the parameters.
-Command = Callable[[Any, Any, jax.Array, jax.Array, jax.Array, float], jax.Array]
+
+class Guidance(Protocol):
+    """What a reference follows."""
+
+    def __call__(
+        self,
+        parameters: PyTree,
+        path: TimedPath | None,
+        pose: Float[Array, "4"],
+        velocity: Float[Array, "4"],
+        time: Float[Array, ""],
+        dt: float,
+    ) -> Float[Array, "4"]:
+        """The velocity that is wanted a step later [m/s, rad/s].
+
+        Args:
+            parameters: of a policy; what follows a path ignores them.
+            path: to follow; a policy ignores it, and the time.
+            pose, velocity: of the reference [m, rad], [m/s, rad/s].
+            time: on the clock of the episode [s].
+            dt: of the step [s].
+        """
+        ...
+
+
+class PolicyCommand(Protocol):
+    """`Policy.command`."""
+
+    def __call__(
+        self, parameters: PyTree, pose: Float[Array, "4"], velocity: Float[Array, "4"], dt: float, /
+    ) -> Float[Array, "4"]:
+        """The velocity that is wanted a step later [m/s, rad/s]."""
+        ...
 
 
 class ReferenceState(NamedTuple):
-    """Where the reference is, and how fast."""
+    """Where the reference of one robot is, and how fast."""
 
-    pose: jax.Array  # (4,) [m, rad]
-    velocity: jax.Array  # (4,) [m/s, rad/s]
+    pose: Float[Array, "4"]  # [m, rad]
+    velocity: Float[Array, "4"]  # [m/s, rad/s]
 
 
-def policy_command(command: Callable[[Any, jax.Array, jax.Array, float], jax.Array]) -> Command:
-    """The command of a policy: (parameters, pose, velocity, dt) -> wanted velocity after dt."""
+def policy_guidance(command: PolicyCommand) -> Guidance:
+    """The guidance of a policy, from its `command`."""
     return lambda parameters, path, pose, velocity, time, dt: command(parameters, pose, velocity, dt)
 
 
 def drive(
-    command: Command,
-    parameters: Any,
-    path: Any,
+    guidance: Guidance,
+    parameters: PyTree,
+    path: TimedPath | None,
     state: ReferenceState,
-    time: jax.Array,
-    acceleration_limit: jax.Array,
+    time: Float[Array, ""],
+    acceleration_limit: Float[Array, "4"],
     dt: float,
 ) -> ReferenceState:
     """One step along what is followed.
 
     Args:
-        command, parameters, path: what to follow.
+        guidance, parameters, path: what to follow.
         state: pose and velocity.
-        time: () [s].
-        acceleration_limit: per axis, shape (4,).
+        time: on the clock of the episode [s].
+        acceleration_limit: per axis [m/s^2, rad/s^2].
         dt: [s].
     """
-    wanted = command(parameters, path, state.pose, state.velocity, time, dt)
+    wanted = guidance(parameters, path, state.pose, state.velocity, time, dt)
     velocity = track(wanted, state.velocity, acceleration_limit, dt)
     return ReferenceState(state.pose + velocity * dt, velocity)
 
 
-def hold_within_leash(state: ReferenceState, pose: jax.Array, settings: ControlSettings) -> ReferenceState:
-    """Pull the reference back to within the leash of the measured pose (4,)."""
-    planar, height, yaw = settings.leash
+def limit_lead(state: ReferenceState, pose: Float[Array, "4"], settings: ControlSettings) -> ReferenceState:
+    """Pull the reference back to within `settings.lead_limit` of the measured pose [m, rad]."""
+    planar, height, yaw = settings.lead_limit
     lead = state.pose - pose
     lead = lead.at[3].set(wrap_angle(lead[3], jnp))
     distance = jnp.sqrt(jnp.sum(lead[:2] ** 2) + 1e-12)
@@ -69,34 +100,34 @@ def hold_within_leash(state: ReferenceState, pose: jax.Array, settings: ControlS
 
 
 def plan_reference(
-    command: Command,
-    parameters: Any,
-    path: Any,
+    guidance: Guidance,
+    parameters: PyTree,
+    path: TimedPath | None,
     state: ReferenceState,
-    pose: jax.Array,
-    time: jax.Array,
-    acceleration_limit: jax.Array,
+    pose: Float[Array, "4"],
+    time: Float[Array, ""],
+    acceleration_limit: Float[Array, "4"],
     settings: ControlSettings,
 ) -> tuple[ReferenceState, Reference]:
     """Advance the reference by one planning step and preview it over the MPC's horizon.
 
     Args:
-        command, parameters, path: what to follow.
+        guidance, parameters, path: what to follow.
         state: of the reference at the last plan.
-        pose: measured [x, y, z, yaw] of the trunk, shape (4,) [m, rad].
-        time: () on the clock of the episode [s].
-        acceleration_limit: per axis, shape (4,).
-        settings: clocks and leash.
+        pose: measured [x, y, z, yaw] of the trunk [m, rad].
+        time: on the clock of the episode [s].
+        acceleration_limit: per axis [m/s^2, rad/s^2].
+        settings: clocks and `lead_limit`.
 
     Returns:
         The new state, and the reference of the horizon.
     """
-    state = hold_within_leash(state, pose, settings)
-    now = drive(command, parameters, path, state, time, acceleration_limit, settings.plan_dt)
+    state = limit_lead(state, pose, settings)
+    now = drive(guidance, parameters, path, state, time, acceleration_limit, settings.plan_dt)
 
     def step(carry: ReferenceState, k: jax.Array) -> tuple[ReferenceState, ReferenceState]:
         then = time + settings.plan_dt + k * settings.mpc.mpc_dt
-        following = drive(command, parameters, path, carry, then, acceleration_limit, settings.mpc.mpc_dt)
+        following = drive(guidance, parameters, path, carry, then, acceleration_limit, settings.mpc.mpc_dt)
         return following, following
 
     _, ahead = jax.lax.scan(step, now, jnp.arange(settings.mpc.horizon, dtype=jnp.float32))

@@ -1,35 +1,35 @@
 """What the physics tells at every step, and the one definition of a forbidden contact, for both backends."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
+from agile_jax.arrays import AnyArray
 from agile_jax.robot import LEG_NAMES, TOUCH_FLOOR_PREFIX, TOUCH_FOOT_PREFIX, TOUCH_OBSTACLE_PREFIX
-
-Array = Any  # numpy.ndarray or jax.Array
 
 
 class Sensed(NamedTuple):
-    """State of the robot after a step, and what it touched during it. Batch axes, if any, lead.
+    """State of one robot after a step, and what it touched during it. In a batch, its axis leads.
 
     Contacts are those of the configuration that the step started from: there both simulators look for them. After a
     reset there were none yet.
     """
 
-    qpos: Array  # (..., 19) [m, quaternion wxyz, rad]
-    qvel: Array  # (..., 18) [m/s in the world, rad/s in the base, rad/s]
-    obstacle_contact: Array  # (...) bool: some part of the robot touched an obstacle
-    floor_contact: Array  # (...) bool: trunk, hip or thigh touched the floor
-    foot_contact: Array  # (..., 4) bool: what each foot feels
+    qpos: Float[AnyArray, "19"]  # [m, quaternion wxyz, rad]
+    qvel: Float[AnyArray, "18"]  # [m/s in the world, rad/s in the base, rad/s]
+    obstacle_contact: Bool[AnyArray, ""]  # some part of the robot touched an obstacle
+    floor_contact: Bool[AnyArray, ""]  # trunk, hip or thigh touched the floor
+    foot_contact: Bool[AnyArray, "4"]  # what each foot feels
 
 
 class TouchSlots(NamedTuple):
-    """Which entries of a model's sensor data count which contacts. Masks of shape (nsensordata,)."""
+    """Which entries of a model's sensor data count which contacts."""
 
-    obstacle: np.ndarray
-    floor: np.ndarray
-    feet: np.ndarray  # (4,) indices instead
+    obstacle: Bool[np.ndarray, " nsensordata"]
+    floor: Bool[np.ndarray, " nsensordata"]
+    feet: Int[np.ndarray, "4"]  # indices instead
 
 
 def touch_slots(model: mujoco.MjModel) -> TouchSlots:
@@ -44,15 +44,17 @@ def touch_slots(model: mujoco.MjModel) -> TouchSlots:
     return TouchSlots(obstacle, floor, np.array(feet))
 
 
-def contact_flags(sensordata: Array, slots: TouchSlots) -> tuple[Array, Array, Array]:
+def contact_flags(
+    sensordata: Float[AnyArray, "*batch nsensordata"], slots: TouchSlots
+) -> tuple[Bool[AnyArray, "*batch"], Bool[AnyArray, "*batch"], Bool[AnyArray, "*batch 4"]]:
     """Which contacts there are. Two geoms touch when they overlap.
 
     Args:
-        sensordata: NumPy or JAX, shape (..., nsensordata): number of contacts per sensor.
+        sensordata: number of contacts per sensor.
         slots: of the model.
 
     Returns:
-        obstacle_contact, floor_contact: shape (...), bool; foot_contact: shape (..., 4), bool.
+        obstacle_contact, floor_contact, foot_contact of `Sensed`.
     """
     touching = sensordata > 0
     return (touching & slots.obstacle).any(-1), (touching & slots.floor).any(-1), touching[..., slots.feet]

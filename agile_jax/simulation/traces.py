@@ -1,48 +1,49 @@
 """Recording chosen episodes at the rate of the MPC, for figures and videos."""
 
 from collections import defaultdict, deque
-from typing import Any, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
+from agile_jax.arrays import AnyArray
+from agile_jax.control.interface import State
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.scene import Scene, clearance
-from agile_jax.simulation.rollout import Episode
+from agile_jax.simulation.closed_loop import Episode
 from agile_jax.simulation.sensed import Sensed
-
-Array = Any  # numpy.ndarray or jax.Array
 
 
 class Trace(NamedTuple):
     """One recorded episode at the rate of the MPC, K samples."""
 
-    time: np.ndarray  # (K,) [s]
-    qpos: np.ndarray  # (K, 19)
-    qvel: np.ndarray  # (K, 18)
-    torque: np.ndarray  # (K, 12) [Nm]
-    reference: np.ndarray  # (K, 8) pose and velocity of the reference
-    mpc_status: np.ndarray  # (K,) of the MPC's solution, `control.cone_qp`
-    mpc_residual: np.ndarray  # (K,) its largest [N]
-    saturated: np.ndarray  # (K, 12) bool: torques cut to their limit
-    clearance: np.ndarray  # (K,) of the torso's envelope [m]
+    time: Float[np.ndarray, " K"]  # [s]
+    qpos: Float[np.ndarray, "K 19"]  # [m, quaternion wxyz, rad]
+    qvel: Float[np.ndarray, "K 18"]  # [m/s in the world, rad/s in the base, rad/s]
+    torque: Float[np.ndarray, "K 12"]  # [Nm]
+    reference: Float[np.ndarray, "K 8"]  # pose and velocity of the reference [m, rad], [m/s, rad/s]
+    mpc_status: Int[np.ndarray, " K"]  # of the MPC's solution, `control.mpc.solver`
+    mpc_residual: Float[np.ndarray, " K"]  # its largest [N]
+    saturated: Bool[np.ndarray, "K 12"]  # torques cut to their limit
+    clearance: Float[np.ndarray, " K"]  # of the torso's envelope [m]
 
 
 class Sample(NamedTuple):
-    """One robot before the next plan."""
+    """One robot before the next plan; fields as in `Trace`. In a batch, its axes lead."""
 
-    qpos: Array
-    qvel: Array
-    torque: Array
-    reference: Array  # pose and velocity
-    mpc_status: Array
-    mpc_residual: Array  # [N]
-    saturated: Array
+    qpos: Float[AnyArray, "19"]
+    qvel: Float[AnyArray, "18"]
+    torque: Float[AnyArray, "12"]
+    reference: Float[AnyArray, "8"]
+    mpc_status: Int[AnyArray, ""]
+    mpc_residual: Float[AnyArray, ""]
+    saturated: Bool[AnyArray, "12"]
 
 
-def sample_of(episode: Episode, sensed: Sensed) -> Sample:
+def sample_of(episode: Episode[State], sensed: Sensed) -> Sample:
     """What is recorded of a robot, or of a batch."""
-    reference, diagnostics = episode.reference, episode.controller.diagnostics
+    reference, diagnostics = episode.reference, episode.diagnostics
     return Sample(
         sensed.qpos,
         sensed.qvel,

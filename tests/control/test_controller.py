@@ -144,7 +144,7 @@ def test_commands_stay_inside_cones_and_torque_limits():
         ({"swing_damping": 0.0}, "swing_damping"),
         ({"integral_gain": [4.0, -2.0, 4.0]}, "integral_gain"),
         ({"integral_limit": [0.0, 0.1, 0.1]}, "integral_limit"),
-        ({"leash": [0.05, 0.03]}, "leash"),
+        ({"lead_limit": [0.05, 0.03]}, "lead_limit"),
         ({"gait": {"duty": 0.0}}, "duty"),
         ({"gait": {"duty": 1.0}}, "duty"),
         ({"gait": {"walk_duty": 0.75}}, "walk_duty"),

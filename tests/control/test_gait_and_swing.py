@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from agile_jax.control import GaitSettings, gait
-from agile_jax.control.swing import foothold, forward_reach, swing_path
+from agile_jax.control.footholds import foothold, forward_reach
+from agile_jax.control.swing import swing_path
 from agile_jax.robot import RobotSettings, leg_inverse_kinematics, load_robot
 
 SETTINGS = GaitSettings()

@@ -7,11 +7,12 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agile_jax.control import ControlSettings
+from agile_jax.control import ControlSettings, make_controller
 from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
 from agile_jax.scene import Scene, SceneSettings, make_scene
 from agile_jax.simulation import (
     OUTCOME_NAMES,
+    ClosedLoop,
     LastStates,
     MjxSlots,
     MujocoPhysics,
@@ -21,10 +22,9 @@ from agile_jax.simulation import (
     Trace,
     batch_loop,
     gather,
-    make_closed_loop,
     mjx_init,
     mjx_loop,
-    policy_command,
+    policy_guidance,
     stream,
 )
 
@@ -59,9 +59,8 @@ def scene() -> Scene:
 @lru_cache
 def parts() -> tuple[Any, Any, Any]:
     model = build_mujoco_model(scene(), RobotSettings(), CONTROL.control_dt)
-    loop = make_closed_loop(
-        scene(), ROBOT, collision_shapes(model), CONTROL, policy_command(straight_line), ACCELERATION
-    )
+    guidance, controller = policy_guidance(straight_line), make_controller(ROBOT, CONTROL)
+    loop = ClosedLoop(scene(), ROBOT, collision_shapes(model), CONTROL, guidance, ACCELERATION, controller)
     return loop, batch_loop(loop), model
 
 

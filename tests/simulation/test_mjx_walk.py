@@ -6,14 +6,15 @@ import mujoco
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.workloads.commands import UNDISTURBED, Command, random_commands, tracking_loop
+from agile_jax.benchmark.workloads.commands import random_commands
 from agile_jax.benchmark.workloads.disturbance import draw
-from agile_jax.control import ControlSettings
+from agile_jax.benchmark.workloads.tracking import UNDISTURBED, tracking_loop
+from agile_jax.control import ControlSettings, as_float32, make_controller
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics
 from agile_jax.simulation.mjx_physics import mjx_init, mjx_reset, mjx_step
-from agile_jax.simulation.mujoco_slots import as_float32
+from agile_jax.simulation.plan_cycle import on_host, plan_cycle
 
 pytestmark = pytest.mark.slow
 
@@ -26,22 +27,22 @@ MODEL = build_mujoco_model(make_scene(SceneSettings()), ROBOT, CONTROL.control_d
 def walk():
     """States and torques of 25 robots over 1.2 s: qpos (K, 25, 19), qvel (K, 25, 18), torque (K, 25, 12)."""
     robot = load_robot(ROBOT)
-    loop = tracking_loop(robot, CONTROL, UNDISTURBED)
-    commands = random_commands(ROBOTS, 0, (0.2, 1.0), 0.4, 0.8, 0.28)
-    commands = Command(*(jnp.asarray(column, jnp.float32) for column in commands))
-    draws = jax.tree.map(jnp.asarray, draw(ROBOTS, 0))
+    loop = tracking_loop(robot, CONTROL, UNDISTURBED, make_controller(robot, CONTROL))
+    commands = as_float32(random_commands(ROBOTS, 0, (0.2, 1.0), 0.4, 0.8, 0.28))
     start = np.asarray(standing_qpos(robot, np.array([0.0, 0.0, 0.28, 0.0], np.float32)))
     recorded = []
     with MujocoPhysics(MODEL, ROBOTS, 2) as physics:
+
+        def step(before, states):
+            torque = np.float32(states.queue[:, 0])
+            recorded.append((np.float32(before.qpos), np.float32(before.qvel), torque))
+            sensed = physics.step(torque.astype(float))
+            return sensed, sensed
+
         sensed = physics.reset(np.repeat(start[None], ROBOTS, 0))
-        states = loop.init(as_float32(sensed))
+        states = loop.init(sensed, commands, draw(ROBOTS, 0))
         for _ in range(PLANS):
-            states = loop.plan(states, as_float32(sensed), commands, draws)
-            for _ in range(round(CONTROL.plan_dt / CONTROL.control_dt)):
-                states = loop.act(states, as_float32(sensed), commands, draws)
-                torque = np.float32(states.queue[:, 0])
-                recorded.append((np.float32(sensed.qpos), np.float32(sensed.qvel), torque))
-                sensed = physics.step(torque.astype(float), np.ones(ROBOTS, bool))
+            _, states, sensed = plan_cycle(loop, step, sensed, states, sensed, loop.acts_per_plan, on_host)
     return tuple(np.stack(values) for values in zip(*recorded, strict=True))
 
 

@@ -1,4 +1,4 @@
-"""The reference that drives along a field: its limits, its path, its leash."""
+"""The reference that drives along a field: its limits, its path, its lead."""
 
 import jax.numpy as jnp
 import numpy as np
@@ -6,8 +6,8 @@ import pytest
 
 from agile_jax.control import ControlSettings
 from agile_jax.policy.velocity_tracker import track
-from agile_jax.simulation.paths import Path, path_command
-from agile_jax.simulation.reference import ReferenceState, drive, hold_within_leash, plan_reference
+from agile_jax.simulation.paths import TimedPath, path_guidance
+from agile_jax.simulation.reference import ReferenceState, drive, limit_lead, plan_reference
 
 SETTINGS = ControlSettings()
 LIMIT = jnp.array([1.5, 1.5, 1.0, 3.0])
@@ -15,7 +15,7 @@ TARGET = jnp.array([1.0, 0.5, 0.28, 0.0])
 
 
 def towards_target(
-    parameters: float, path: tuple[()], pose: jnp.ndarray, velocity: jnp.ndarray, time: jnp.ndarray, dt: float
+    parameters: float, path: None, pose: jnp.ndarray, velocity: jnp.ndarray, time: jnp.ndarray, dt: float
 ) -> jnp.ndarray:
     return parameters * (TARGET - pose - velocity * dt)
 
@@ -50,30 +50,30 @@ def test_reached_velocity_is_kept():
 def test_driving_along_a_linear_field_decays_exponentially():
     state = ReferenceState(TARGET + jnp.array([0.05, 0.0, 0.02, 0.0]), jnp.zeros(4))
     for _ in range(200):
-        state = drive(towards_target, 2.0, (), state, jnp.float32(0.0), LIMIT, 0.02)
+        state = drive(towards_target, 2.0, None, state, jnp.float32(0.0), LIMIT, 0.02)
     np.testing.assert_allclose(state.pose, TARGET, atol=1e-3)
 
 
-def test_leash_pulls_back_only_what_leads_too_far_and_wraps_yaw():
+def test_the_lead_limit_pulls_back_only_what_leads_too_far_and_wraps_yaw():
     pose = jnp.array([1.0, 2.0, 0.2, 3.1])
     near = ReferenceState(pose + jnp.array([0.01, -0.02, 0.01, 0.05]), jnp.ones(4))
-    np.testing.assert_allclose(hold_within_leash(near, pose, SETTINGS).pose[:3], near.pose[:3], atol=1e-5)
+    np.testing.assert_allclose(limit_lead(near, pose, SETTINGS).pose[:3], near.pose[:3], atol=1e-5)
     far = ReferenceState(pose + jnp.array([3.0, 4.0, 0.5, 0.0]), jnp.ones(4))
-    held = hold_within_leash(far, pose, SETTINGS).pose - pose
+    held = limit_lead(far, pose, SETTINGS).pose - pose
     np.testing.assert_allclose(
-        held[:3], [0.6 * SETTINGS.leash[0], 0.8 * SETTINGS.leash[0], SETTINGS.leash[1]], rtol=1e-3
+        held[:3], [0.6 * SETTINGS.lead_limit[0], 0.8 * SETTINGS.lead_limit[0], SETTINGS.lead_limit[1]], rtol=1e-3
     )
     # A reference at -3.1 rad is 0.08 rad ahead of a robot at +3.1 rad, not 6.2 behind.
     turned = ReferenceState(pose.at[3].set(-3.1), jnp.ones(4))
-    assert hold_within_leash(turned, pose, SETTINGS).pose[3] - 3.1 == pytest.approx(2 * np.pi - 6.2, abs=1e-4)
+    assert limit_lead(turned, pose, SETTINGS).pose[3] - 3.1 == pytest.approx(2 * np.pi - 6.2, abs=1e-4)
 
 
 def test_horizon_continues_the_state_that_is_kept():
     state = ReferenceState(jnp.array([0.0, 0.0, 0.28, 0.0]), jnp.zeros(4))
-    kept, reference = plan_reference(towards_target, 1.0, (), state, state.pose, jnp.float32(0.0), LIMIT, SETTINGS)
+    kept, reference = plan_reference(towards_target, 1.0, None, state, state.pose, jnp.float32(0.0), LIMIT, SETTINGS)
     np.testing.assert_array_equal(reference.pose, kept.pose)
     assert reference.poses.shape == (SETTINGS.mpc.horizon, 4)
-    first = drive(towards_target, 1.0, (), kept, jnp.float32(0.02), LIMIT, SETTINGS.mpc.mpc_dt)
+    first = drive(towards_target, 1.0, None, kept, jnp.float32(0.02), LIMIT, SETTINGS.mpc.mpc_dt)
     np.testing.assert_allclose(reference.poses[0], first.pose, atol=1e-6)
     assert (np.diff(np.array(reference.poses[:, 0])) > 0).all()
 
@@ -84,13 +84,13 @@ def test_a_reference_that_follows_a_path_stays_on_it():
     share = times / 3.0
     angle = jnp.pi * (3 * share**2 - 2 * share**3)
     poses = jnp.stack([0.5 - 0.5 * jnp.cos(angle), 0.5 * jnp.sin(angle), 0.28 + 0 * angle, 0 * angle], -1)
-    path = Path(times, poses, jnp.gradient(poses, times, axis=0), jnp.float32(0.5))
+    path = TimedPath(times, poses, jnp.gradient(poses, times, axis=0), jnp.float32(0.5))
     limit = jnp.array([3.0, 3.0, 1.0, 3.0])
     state = ReferenceState(poses[0], jnp.zeros(4))
     worst = 0.0
     for k in range(200):
         time = 0.02 * k
-        state = drive(path_command, (), path, state, jnp.float32(time), limit, 0.02)
+        state = drive(path_guidance, None, path, state, jnp.float32(time), limit, 0.02)
         expected = [float(jnp.interp(time + 0.02 - 0.5, times, poses[:, i])) for i in range(4)]
         worst = max(worst, float(jnp.abs(state.pose - jnp.array(expected)).max()))
     assert worst < 0.02

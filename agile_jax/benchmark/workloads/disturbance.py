@@ -11,7 +11,9 @@ import jax
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Array, Float, UInt32
 
+from agile_jax.arrays import AnyArray
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.simulation.mujoco_physics import TRUNK_BODY
 from agile_jax.simulation.sensed import Sensed
@@ -44,13 +46,13 @@ class Disturbance(NamedTuple):
 
 
 class Draws(NamedTuple):
-    """What n episodes drew. The random numbers do not depend on the disturbance, nor on n."""
+    """What an episode drew, with a leading axis n for n episodes. It depends neither on the disturbance nor on n."""
 
-    sign: np.ndarray  # (n,) -1 or 1
-    angle: np.ndarray  # (n,) [rad]
-    push_begin: np.ndarray  # (n,) [s]
-    torque_error: np.ndarray  # (n, 12) standard normal
-    key: np.ndarray  # (n, 2) of the noise
+    sign: Float[AnyArray, ""]  # -1 or 1
+    angle: Float[AnyArray, ""]  # [rad]
+    push_begin: Float[AnyArray, ""]  # [s]
+    torque_error: Float[AnyArray, "12"]  # standard normal
+    key: UInt32[AnyArray, "2"]  # of the noise
 
 
 def draw(episodes: int, seed: int) -> Draws:
@@ -83,8 +85,10 @@ def disturbed_models(model: mujoco.MjModel, disturbance: Disturbance, draws: Dra
     return models
 
 
-def push_force(disturbance: Disturbance, draws: Draws, time: float, qpos: np.ndarray) -> np.ndarray | None:
-    """Force on the trunks in the world, shape (n, 3) [N], or none where nothing pushes."""
+def push_force(
+    disturbance: Disturbance, draws: Draws, time: float, qpos: Float[np.ndarray, "n 19"]
+) -> Float[np.ndarray, "n 3"] | None:
+    """Force on the trunks in the world at a time [s], or none where nothing ever pushes. In [N]."""
     if not disturbance.impulse:
         return None
     now = (time >= draws.push_begin) & (time < draws.push_begin + PUSH_DURATION)
@@ -93,13 +97,13 @@ def push_force(disturbance: Disturbance, draws: Draws, time: float, qpos: np.nda
     return (now * draws.sign * disturbance.impulse / PUSH_DURATION)[:, None] * left
 
 
-def sense(sensed: Sensed, noise: SensorNoise, drift: jax.Array, key: jax.Array) -> Sensed:
+def sense(sensed: Sensed, noise: SensorNoise, drift: Float[Array, "3"], key: jax.Array) -> Sensed:
     """What the controller sees of one robot.
 
     Args:
         sensed: the truth.
         noise: standard deviations.
-        drift: present error of roll, pitch, yaw, in standard deviations, shape (3,).
+        drift: present error of roll, pitch, yaw, in standard deviations.
         key: of this step.
     """
     white = jax.random.normal(key, (30,))
@@ -122,7 +126,7 @@ def sense(sensed: Sensed, noise: SensorNoise, drift: jax.Array, key: jax.Array) 
     )
 
 
-def next_drift(drift: jax.Array, key: jax.Array, dt: float) -> jax.Array:
-    """Ornstein-Uhlenbeck process of unit variance, one step on. Shape (3,)."""
+def next_drift(drift: Float[Array, "3"], key: jax.Array, dt: float) -> Float[Array, "3"]:
+    """Ornstein-Uhlenbeck process of unit variance, one step of `dt` [s] on."""
     keep = float(np.exp(-dt / DRIFT_TIME))
     return keep * drift + np.sqrt(1 - keep**2) * jax.random.normal(key, (3,))

@@ -6,22 +6,30 @@ a calm one whose measured state is moved by up to 0.2 rad in roll and pitch, 0.8
 memory and reference kept. Everything follows from the seed.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.benchmark.workloads.commands import ACCELERATION, Command, obey
-from agile_jax.control import ControllerState, ControlSettings, Reference, make_controller
+from agile_jax.benchmark.workloads.commands import Command
+from agile_jax.benchmark.workloads.disturbance import draw
+from agile_jax.benchmark.workloads.tracking import UNDISTURBED, Tracked, tracking_loop
+from agile_jax.control import (
+    ControllerState,
+    ControlSettings,
+    Diagnostics,
+    MpcController,
+    Reference,
+    as_float32,
+    make_mpc_controller,
+)
 from agile_jax.control.mpc.problem import Qp
 from agile_jax.progress import Progress, silent
-from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, load_robot, robot_state, standing_qpos
+from agile_jax.robot import RobotSettings, RobotState, build_mujoco_model, load_robot, robot_state, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
-from agile_jax.simulation.mujoco_slots import as_float32
-from agile_jax.simulation.outcome import trunk_pose
-from agile_jax.simulation.reference import ReferenceState, plan_reference
+from agile_jax.simulation.plan_cycle import on_host, plan_cycle
 
 SETTLED = 20  # plans before the first record
 TILT, SPEED, RATE = 0.2, 0.8, 2.0  # of the disturbance [rad], [m/s], [rad/s]
@@ -35,8 +43,47 @@ class Problems(NamedTuple):
     hard: Qp
 
 
+class RecordedState(NamedTuple):
+    """The state of a controller, and what its last plan was made from."""
+
+    now: ControllerState
+    before: ControllerState
+    reference: Reference
+
+
+class RecordingController:
+    """The library's controller, which remembers what it planned from: a `Controller` of its own."""
+
+    def __init__(self, controller: MpcController) -> None:
+        self.controller = controller
+
+    def init(self, robot_state: RobotState) -> RecordedState:
+        """Begin, with nothing planned."""
+        state = self.controller.init(robot_state)
+        still, nodes = jnp.zeros(4), jnp.zeros((self.controller.settings.mpc.horizon, 4))
+        return RecordedState(state, state, Reference(still, still, nodes, nodes))
+
+    def plan(self, state: RecordedState, robot_state: RobotState, reference: Reference) -> RecordedState:
+        """Plan, and remember."""
+        return RecordedState(self.controller.plan(state.now, robot_state, reference), state.now, reference)
+
+    def act(self, state: RecordedState, robot_state: RobotState) -> tuple[RecordedState, jax.Array]:
+        """Act."""
+        now, torque = self.controller.act(state.now, robot_state)
+        return state._replace(now=now), torque
+
+    def diagnostics(self, state: RecordedState) -> Diagnostics:
+        """Of the controller."""
+        return self.controller.diagnostics(state.now)
+
+    def problem(self, state: RecordedState, sensed: Sensed) -> Qp:
+        """The problem of the last plan, had this been sensed then."""
+        measured = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
+        return self.controller.problem(state.before, measured, state.reference)
+
+
 def draw_commands(rng: np.random.Generator, robots: int) -> Command:
-    """Of all robots."""
+    """Commands of all robots."""
     height = rng.uniform(0.165, 0.30, robots)
     low = height < 0.21
     forward = np.minimum(rng.uniform(0, 1.2, robots), np.where(low, 0.8, np.inf))
@@ -83,51 +130,26 @@ def record_problems(
     """
     rng = np.random.default_rng(seed)
     robots = -(-count // PER_ROBOT)
-    commands = jax.tree.map(lambda values: jnp.asarray(values, jnp.float32), draw_commands(rng, robots))
+    commands = as_float32(draw_commands(rng, robots))
     moments = set(rng.choice(np.arange(SETTLED, plans), PER_ROBOT, replace=False).tolist())
     robot = load_robot(RobotSettings())
-    controller = make_controller(robot, settings)
-    plan, problem, act = _compiled(robot, settings)
+    controller = RecordingController(make_mpc_controller(robot, settings))
+    loop, problem = tracking_loop(robot, settings, UNDISTURBED, controller), jax.jit(jax.vmap(controller.problem))
     model = build_mujoco_model(make_scene(SceneSettings()), RobotSettings(), settings.control_dt)
     qpos = np.tile(np.asarray(standing_qpos(robot, np.array([0.0, 0.0, 0.28, 0.0])), float), (robots, 1))
     calm, hard = [], []
     with MujocoPhysics(model, robots, 1) as physics:
+
+        def step(world: None, states: Tracked[RecordedState]) -> tuple[None, Sensed]:
+            return world, physics.step(np.asarray(states.queue[:, 0], np.float64))
+
         sensed = physics.reset(qpos)
-        start = as_float32(sensed)
-        state = jax.vmap(lambda s: controller.init(robot_state(s.qpos, s.qvel, s.foot_contact)))(start)
-        leader = ReferenceState(jax.vmap(trunk_pose)(start), jnp.zeros((robots, 4)))
-        active = np.ones(robots, bool)
+        states = loop.init(sensed, commands, draw(robots, seed))
         for k in range(plans):
-            measured, before = as_float32(sensed), state
-            leader, reference, state = plan(commands, leader, state, measured)
+            measured = sensed
+            _, states, sensed = plan_cycle(loop, step, None, states, sensed, loop.acts_per_plan, on_host)
             if k in moments:
-                calm.append(problem(before, measured, reference))
-                hard.append(problem(before, as_float32(disturbed(sensed, rng)), reference))
-            for _ in range(round(settings.plan_dt / settings.control_dt)):
-                state, torque = act(state, as_float32(sensed))
-                sensed = physics.step(np.asarray(torque, np.float64), active)
+                calm.append(problem(states.controller, measured))
+                hard.append(problem(states.controller, disturbed(measured, rng)))
             progress(f"{robots} robots walk", k + 1, plans)
     return Problems(*(jax.tree.map(lambda *parts: np.concatenate(parts)[:count], *some) for some in (calm, hard)))
-
-
-def _compiled(robot: RobotModel, settings: ControlSettings) -> tuple[Any, Any, Any]:
-    """`plan`, `problem` and `act` of a batch."""
-    controller = make_controller(robot, settings)
-    limit = jnp.asarray(ACCELERATION, jnp.float32)
-
-    def plan(
-        command: Command, leader: ReferenceState, state: ControllerState, sensed: Sensed
-    ) -> tuple[ReferenceState, Reference, ControllerState]:
-        measured = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
-        leader, reference = plan_reference(
-            obey, (), command, leader, trunk_pose(sensed), jnp.float32(0.0), limit, settings
-        )
-        return leader, reference, controller.plan(state, measured, reference)
-
-    def problem(state: ControllerState, sensed: Sensed, reference: Reference) -> Qp:
-        return controller.problem(state, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact), reference)
-
-    def act(state: ControllerState, sensed: Sensed) -> tuple[ControllerState, jax.Array]:
-        return controller.act(state, robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact))
-
-    return jax.jit(jax.vmap(plan)), jax.jit(jax.vmap(problem)), jax.jit(jax.vmap(act))

@@ -1,7 +1,7 @@
 """Single-rigid-body dynamics of a legged robot in wrench space (Di Carlo et al. 2018, equations 5 to 17).
 
 Everything is expressed in the yaw frame: z up, x along the trunk's heading at the moment of planning. With small roll
-    and pitch, the body coordinates xi = [roll, pitch, yaw, x, y, z] (centre of mass) obey
+and pitch, the body coordinates xi = [roll, pitch, yaw, x, y, z] (centre of mass) obey
 
     xi'' = y + g,    y = B f,    B = [ I^-1 [r_1]x ... I^-1 [r_4]x ;  1/m ... 1/m ],    g = [0 0 0 0 0 -9.81]
 

@@ -1,33 +1,30 @@
 """The MPC's quadratic program solved in three passes: friction cones, the joints' limits where they matter, the rest.
 
-Most problems of a walk touch no limit of a joint, and few cheap iterations solve them (`force_admm`). Whatever then is
-not converged, or breaks a limit, goes on in the general method (`limit_admm`), and what that leaves in Newton's
-(`limit_newton`), of which a step costs twenty iterations but few are enough. A problem that keeps limits it was not
-told of is solved, since it is the best of a larger set; so all passes answer the same question.
-
-A batch runs its first pass together. The rest is gathered into groups of fixed size, one after the other, so that a
-hard problem waits for few others, and an easy one for none. What a problem does in its group does not depend on who
-else is there.
+A problem that keeps limits it was not told of is solved, since it is the best of a larger set; so all passes answer the
+same question. A batch runs its first pass together. The rest is gathered into groups of fixed size, one after the
+other, so that a hard problem waits for few others, and an easy one for none. What a problem does in its group does not
+depend on who else is there.
 """
 
+import dataclasses
 from collections.abc import Callable
 from functools import partial
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int, PyTree
 
 from agile_jax.control.mpc.problem import MpcConstants, Qp
 from agile_jax.control.mpc.solver.cone_admm import Iterate, solve_cones
 from agile_jax.control.mpc.solver.limit_admm import solve_limits
-from agile_jax.control.mpc.solver.linear_system import Prices
-from agile_jax.control.mpc.solver.newton import solve_newton
-from agile_jax.control.mpc.solver.projection import PROJECTIONS, shrink_into
+from agile_jax.control.mpc.solver.linear_system import Multipliers
+from agile_jax.control.mpc.solver.newton import MethodOfMultipliers, solve_newton
+from agile_jax.control.mpc.solver.projection import PROJECTIONS, ConeProjection, shrink_into
 from agile_jax.control.mpc.solver.scaled_qp import FORCE_UNIT, ScaledQp, scale
 from agile_jax.control.settings import MpcSettings
 
 SOLVED, INFEASIBLE, UNCONVERGED, NOT_FINITE = 0, 1, 2, 3
-STATUS_NAMES = ("solved", "infeasible", "unconverged", "not finite")
 JOINT_TOLERANCE = 1e-3  # by which a solved problem may break a row of joint positions [rad]
 JOINT_RESIDUAL = 1e-4  # at which these rows count as converged [rad]; with 1e-3 a force is up to 0.15 N off
 BLOCK = 64  # problems that a CPU solves at once
@@ -36,10 +33,10 @@ SMALLEST_GROUP = 16, 4
 
 
 class WarmStart(NamedTuple):
-    """Iterates of the solver, scaled."""
+    """Iterates of the solver for one problem of N nodes, scaled."""
 
-    forces: jax.Array  # (N, 4, 3)
-    price: jax.Array  # (N, 4, 3) of the cones
+    forces: Float[Array, "N 4 3"]
+    multipliers: Float[Array, "N 4 3"]  # of the cones
 
 
 class QpSolution(NamedTuple):
@@ -49,20 +46,20 @@ class QpSolution(NamedTuple):
     has zeros. INFEASIBLE: no forces keep the joints' positions; these break them least. UNCONVERGED: not yet optimal.
     """
 
-    forces: jax.Array  # (N, 12) [N]
-    status: jax.Array  # () int32, SOLVED, INFEASIBLE, UNCONVERGED or NOT_FINITE
-    primal_residual: jax.Array  # () largest violation of a splitting [N]
-    dual_residual: jax.Array  # () largest change in an iteration [N]
-    joint_violation: jax.Array  # () largest of the rows of joint positions [rad]
-    iterations: jax.Array  # () int32, of the second pass, plus steps of the third
+    forces: Float[Array, "N 12"]  # [N]
+    status: Int[Array, ""]  # SOLVED, INFEASIBLE, UNCONVERGED or NOT_FINITE
+    primal_residual: Float[Array, ""]  # largest violation of a splitting [N]
+    dual_residual: Float[Array, ""]  # largest change in an iteration [N]
+    joint_violation: Float[Array, ""]  # largest of the rows of joint positions [rad]
+    iterations: Int[Array, ""]  # of the second pass, plus steps of the third
     warm_start: WarmStart
 
 
 class Found(NamedTuple):
-    """What is known of a batch of problems, scaled."""
+    """What the passes so far have found for a batch of problems, scaled."""
 
     iterate: Iterate
-    prices: Prices
+    multipliers: Multipliers
     iterations: jax.Array  # (batch,) int32, of the second pass, plus steps of the third
 
 
@@ -84,79 +81,105 @@ def shift(start: WarmStart, nodes: float) -> WarmStart:
     def move(values: jax.Array) -> jax.Array:
         return (1 - weight) * values[before] + weight * values[jnp.minimum(before + 1, count - 1)]
 
-    return WarmStart(move(start.forces), move(start.price))
+    return WarmStart(move(start.forces), move(start.multipliers))
 
 
-def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
-    """The solver of one problem; vmap it."""
-    tolerance = settings.tolerance / FORCE_UNIT
-    shape = PROJECTIONS[settings.friction_cone]
+@dataclasses.dataclass(frozen=True, eq=False)
+class Passes:
+    """The three passes on a batch of problems, whose axis is the last one of every array."""
 
-    def left_to_do(qp: ScaledQp, found: Iterate) -> jax.Array:
-        """How far a problem is from solved after the first pass, 0 where it is."""
+    constants: MpcConstants
+    settings: MpcSettings
+
+    @property
+    def tolerance(self) -> float:
+        """Largest residual of a solved problem, scaled."""
+        return self.settings.tolerance / FORCE_UNIT
+
+    @property
+    def projection(self) -> ConeProjection:
+        """Onto the cone, or the pyramid, of friction."""
+        return PROJECTIONS[self.settings.friction_cone]
+
+    def solve(self, qps: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
+        """The iterates after all passes, and the iterations (batch,) after the first pass."""
+        iterate = solve_cones(self.constants, qps, self.projection, *start, self.settings.iterations, self.tolerance)
+        none = Multipliers(0 * iterate.multipliers, 0 * iterate.multipliers, jnp.zeros_like(qps.joint.lower))
+        found = Found(iterate, none, jnp.zeros(iterate.primal.shape, jnp.int32))
+        found = in_groups(self.second, 0, qps, found, jax.vmap(self.left_to_do, -1)(qps, iterate))
+        residual = jnp.maximum(found.iterate.primal, found.iterate.dual)
+        found = in_groups(self.third, 1, qps, found, jnp.where(residual > self.tolerance, residual, 0.0))
+        return found.iterate, found.iterations
+
+    def left_to_do(self, qp: ScaledQp, found: Iterate) -> jax.Array:
+        """How far one problem is from solved after the first pass, 0 where it is."""
         over = violation(qp.torques(found.forces), qp.torque.lower, qp.torque.upper)
         residual = jnp.maximum(jnp.maximum(found.primal, found.dual), over)
-        broken = joint_violation(constants, qp, found.forces)
-        solved = (residual <= tolerance) & (broken <= JOINT_RESIDUAL)
+        broken = joint_violation(self.constants, qp, found.forces)
+        solved = (residual <= self.tolerance) & (broken <= JOINT_RESIDUAL)
         return jnp.where(solved, 0.0, jnp.maximum(residual, broken))
 
-    def second(qps: ScaledQp, found: Found) -> Found:
+    def second(self, qps: ScaledQp, found: Found) -> Found:
+        """Go on with a group that the first pass has not solved."""
+        iterations, tolerance = self.settings.iterations_limits, self.tolerance
         limits = solve_limits(
-            constants, qps, shape, found.iterate, settings.iterations_limits, tolerance, JOINT_RESIDUAL
+            self.constants, qps, self.projection, found.iterate, iterations, tolerance, JOINT_RESIDUAL
         )
         return Found(*limits)
 
-    def third(qps: ScaledQp, found: Found) -> Found:
-        iterate, steps = solve_newton(
-            constants, qps, shape, found.iterate, found.prices, settings.newton_steps, tolerance, JOINT_RESIDUAL
-        )
-        return Found(iterate, found.prices, found.iterations + steps)
+    def third(self, qps: ScaledQp, found: Found) -> Found:
+        """Go on with a group that the second pass has not solved."""
+        steps, tolerance = self.settings.newton_steps, self.tolerance
+        method = MethodOfMultipliers(self.constants, qps, self.projection, steps, tolerance, JOINT_RESIDUAL)
+        iterate, steps_made = solve_newton(method, found.iterate, found.multipliers)
+        return Found(iterate, found.multipliers, found.iterations + steps_made)
 
-    def solve_batch(qps: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
-        """All passes; the batch is the last axis. The iterates, and the iterations after the first pass."""
-        iterate = solve_cones(constants, qps, shape, *start, settings.iterations, tolerance)
-        no_prices = Prices(0 * iterate.price, 0 * iterate.price, jnp.zeros_like(qps.joint.lower))
-        found = Found(iterate, no_prices, jnp.zeros(iterate.primal.shape, jnp.int32))
-        found = in_groups(second, 0, qps, found, jax.vmap(left_to_do, -1)(qps, iterate))
-        residual = jnp.maximum(found.iterate.primal, found.iterate.dual)
-        found = in_groups(third, 1, qps, found, jnp.where(residual > tolerance, residual, 0.0))
-        return found.iterate, found.iterations
+
+def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
+    """The solver of one problem, from a warm start; vmap it."""
+    passes = Passes(constants, settings)
 
     @jax.custom_batching.custom_vmap
     def solve_one(qp: ScaledQp, start: WarmStart) -> tuple[Iterate, jax.Array]:
         batch = jax.tree.map(lambda values: values[..., None], (qp, start))
-        return jax.tree.map(lambda values: values[..., 0], solve_batch(*batch))
+        return jax.tree.map(lambda values: values[..., 0], passes.solve(*batch))
 
     @solve_one.def_vmap
-    def solve_many(size: int, batched: Any, qps: ScaledQp, start: WarmStart) -> tuple[tuple[Iterate, jax.Array], Any]:
+    def solve_many(size: int, batched: PyTree, qps: ScaledQp, start: WarmStart) -> tuple[PyTree, PyTree]:
         def last(values: jax.Array, has_batch: bool) -> jax.Array:
             if has_batch:
                 return jnp.moveaxis(values, 0, -1)
             return jnp.broadcast_to(values[..., None], (*values.shape, size))
 
         batch = jax.tree.map(last, (qps, start), tuple(batched))
-        end = jax.lax.platform_dependent(*batch, cpu=partial(in_blocks, solve_batch), default=solve_batch)
+        end = jax.lax.platform_dependent(*batch, cpu=partial(in_blocks, passes.solve), default=passes.solve)
         return jax.tree.map(lambda values: jnp.moveaxis(values, -1, 0), end), jax.tree.map(lambda _: True, end)
 
     def solve(qp: Qp, start: WarmStart) -> QpSolution:
         scaled = scale(qp)
-        found, iterations = solve_one(scaled, start)
-        finite = jnp.isfinite(found.forces).all() & jnp.isfinite(found.price).all()
-        forces = shrink_into(found.forces, scaled.torques(found.forces), scaled.torque.lower, scaled.torque.upper)
-        broken = joint_violation(constants, scaled, forces)
-        converged = jnp.maximum(found.primal, found.dual) <= tolerance
-        status = jnp.where(converged, jnp.where(broken <= JOINT_TOLERANCE, SOLVED, INFEASIBLE), UNCONVERGED)
-        return QpSolution(
-            jnp.where(finite, forces, 0.0).reshape(-1, 12) * FORCE_UNIT,
-            jnp.where(finite, status, NOT_FINITE).astype(jnp.int32),
-            found.primal * FORCE_UNIT,
-            found.dual * FORCE_UNIT,
-            broken,
-            iterations,
-            WarmStart(jnp.where(finite, found.forces, 0.0), jnp.where(finite, found.price, 0.0)),
-        )
+        return solution_of(constants, scaled, passes.tolerance, *solve_one(scaled, start))
 
     return solve
+
+
+def solution_of(
+    constants: MpcConstants, qp: ScaledQp, tolerance: float, found: Iterate, iterations: jax.Array
+) -> QpSolution:
+    """The iterate of one problem in SI units, its forces inside their limits, and its status."""
+    finite = jnp.isfinite(found.forces).all() & jnp.isfinite(found.multipliers).all()
+    forces = shrink_into(found.forces, qp.torques(found.forces), qp.torque.lower, qp.torque.upper)
+    broken = joint_violation(constants, qp, forces)
+    converged = jnp.maximum(found.primal, found.dual) <= tolerance
+    status = jnp.where(converged, jnp.where(broken <= JOINT_TOLERANCE, SOLVED, INFEASIBLE), UNCONVERGED)
+    return QpSolution(
+        jnp.where(finite, forces, 0.0).reshape(-1, 12) * FORCE_UNIT,
+        jnp.where(finite, status, NOT_FINITE).astype(jnp.int32),
+        found.primal * FORCE_UNIT,
+        found.dual * FORCE_UNIT,
+        broken,
+        iterations,
+        WarmStart(jnp.where(finite, found.forces, 0.0), jnp.where(finite, found.multipliers, 0.0)),
+    )
 
 
 def in_groups(
@@ -187,7 +210,7 @@ def in_groups(
     return jax.lax.while_loop(lambda carry: carry[1].any(), one_group, (found, (left > 0) & jnp.isfinite(left)))[0]
 
 
-def in_blocks(solve: Callable[..., Any], *batch: Any) -> Any:
+def in_blocks(solve: Callable[..., PyTree], *batch: PyTree) -> PyTree:
     """Solve `BLOCK` problems after another, which stay in the cache of a core; a larger batch waits for memory."""
     size = jax.tree.leaves(batch)[0].shape[-1]
     whole = size - size % BLOCK
@@ -207,5 +230,5 @@ def violation(values: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Arra
 
 
 def joint_violation(constants: MpcConstants, qp: ScaledQp, forces: jax.Array) -> jax.Array:
-    """Of the rows of joint positions [rad]."""
+    """By how much forces (N, 4, 3) break the worst row of joint positions of one problem [rad]."""
     return violation(qp.joints(constants, qp.wrench(forces)), qp.joint.lower, qp.joint.upper)

@@ -21,54 +21,55 @@ import jax
 import jax.numpy as jnp
 
 from agile_jax.control.mpc.problem import MpcConstants
-from agile_jax.control.mpc.solver.scaled_qp import Projection, ScaledQp, times
+from agile_jax.control.mpc.solver.projection import ConeProjection
+from agile_jax.control.mpc.solver.scaled_qp import ScaledQp, batched_matvec
 
-PENALTY = 0.2  # rho; decides the speed of convergence, measured on problems of a walk
+FORCE_PENALTY = 0.2  # rho
 OVER_RELAXATION = 1.8
-RIDGE = 1e-6  # of the acceleration's least squares, relative
-CHUNK = 5  # iterations between two looks at the residuals
+ANDERSON_RIDGE = 1e-6  # of the acceleration's least squares, relative
+CHECK_INTERVAL = 5  # iterations between two looks at the residuals
 
 
 class Iterate(NamedTuple):
-    """Feasible forces, the price of the cones, and how far from optimal they are."""
+    """Feasible forces of one problem, the multipliers of the cones, and how far from optimal they are."""
 
     forces: jax.Array  # (N, 4, 3) z
-    price: jax.Array  # (N, 4, 3) rho u
+    multipliers: jax.Array  # (N, 4, 3) rho u
     primal: jax.Array  # () largest |g - z|
     dual: jax.Array  # () largest rho |z - z_before| / (w + rho)
 
 
-class Factors(NamedTuple):
-    """What all iterations share."""
+class ConeSystem(NamedTuple):
+    """What all iterations of a batch share."""
 
     inverse: jax.Array  # (batch, 6N, 6N) of the system
     offset: jax.Array  # (N, 6, batch) H^-1 h
 
 
 def factorise(constants: MpcConstants, qp: ScaledQp) -> tuple[jax.Array, jax.Array]:
-    """`Factors` of one problem."""
+    """`ConeSystem` of one problem."""
     nodes = len(qp.linear)
     force_map = qp.force_map.reshape(nodes, 6, 12)
-    blocks = jnp.einsum("kif,kjf->kij", force_map, force_map) / (qp.force_weight + PENALTY)
+    blocks = jnp.einsum("kif,kjf->kij", force_map, force_map) / (qp.force_weight + FORCE_PENALTY)
     node = jnp.arange(nodes)
-    system = constants.hessian_inverse.reshape(nodes, 6, nodes, 6).at[node, :, node, :].add(blocks)
-    factor = jax.lax.linalg.cholesky(system.reshape(6 * nodes, 6 * nodes), symmetrize_input=False)
-    inverse = jax.scipy.linalg.cho_solve((factor, True), jnp.eye(6 * nodes, dtype=system.dtype))
+    matrix = constants.hessian_inverse.reshape(nodes, 6, nodes, 6).at[node, :, node, :].add(blocks)
+    factor = jax.lax.linalg.cholesky(matrix.reshape(6 * nodes, 6 * nodes), symmetrize_input=False)
+    inverse = jax.scipy.linalg.cho_solve((factor, True), jnp.eye(6 * nodes, dtype=matrix.dtype))
     return inverse, (constants.hessian_inverse @ qp.linear.reshape(-1)).reshape(nodes, 6)
 
 
 def iterate(
-    qp: ScaledQp, factors: Factors, shape: Projection, forces: jax.Array, price: jax.Array
+    qp: ScaledQp, system: ConeSystem, projection: ConeProjection, forces: jax.Array, multipliers: jax.Array
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
-    """One iteration of a batch: the new forces and price, and the forces g before the projection."""
-    diagonal = qp.force_weight + PENALTY
-    rhs = PENALTY * forces - price
+    """One iteration of a batch: the new forces and multipliers, and the forces g before the projection."""
+    diagonal = qp.force_weight + FORCE_PENALTY
+    rhs = FORCE_PENALTY * forces - multipliers
     wrench = qp.wrench(rhs)
-    multiplier = times(factors.inverse, factors.offset + wrench / diagonal)
+    multiplier = batched_matvec(system.inverse, system.offset + wrench / diagonal)
     free = (rhs - qp.wrench_transposed(multiplier)) / diagonal
     relaxed = OVER_RELAXATION * free + (1 - OVER_RELAXATION) * forces
-    new = qp.project(shape, relaxed + price / PENALTY)
-    return new, price + PENALTY * (relaxed - new), free
+    new = qp.project(projection, relaxed + multipliers / FORCE_PENALTY)
+    return new, multipliers + FORCE_PENALTY * (relaxed - new), free
 
 
 class Accelerated(NamedTuple):
@@ -81,34 +82,36 @@ class Accelerated(NamedTuple):
     df: jax.Array  # of f
 
 
-def accelerate(qp: ScaledQp, factors: Factors, shape: Projection, at: Accelerated) -> tuple[Accelerated, Iterate]:
+def accelerate(
+    qp: ScaledQp, system: ConeSystem, projection: ConeProjection, at: Accelerated
+) -> tuple[Accelerated, Iterate]:
     """One iteration and a step of Anderson acceleration; the iterate is that of the iteration alone."""
-    forces = qp.project(shape, at.v)
-    new, price, free = iterate(qp, factors, shape, forces, PENALTY * (at.v - forces))
-    f = new + price / PENALTY - at.v
+    forces = qp.project(projection, at.v)
+    new, multipliers, free = iterate(qp, system, projection, forces, FORCE_PENALTY * (at.v - forces))
+    f = new + multipliers / FORCE_PENALTY - at.v
     dv, df = at.v - at.v_before, f - at.f_before
     # The combination of both changes that makes f smallest, by the normal equations of two unknowns.
-    aa, ab, bb, af, bf = dot(df, df), dot(df, at.df), dot(at.df, at.df), dot(df, f), dot(at.df, f)
-    ridge = RIDGE * (aa + bb) + 1e-12
+    aa, ab, bb, af, bf = inner(df, df), inner(df, at.df), inner(at.df, at.df), inner(df, f), inner(at.df, f)
+    ridge = ANDERSON_RIDGE * (aa + bb) + 1e-12
     aa, bb = aa + ridge, bb + ridge
     determinant = aa * bb - ab * ab
     first, second = (bb * af - ab * bf) / determinant, (aa * bf - ab * af) / determinant
     v = at.v + f - first * (dv + df) - second * (at.dv + at.df)
-    change = jnp.abs(new - forces).max((0, 1, 2)) * PENALTY / (qp.force_weight + PENALTY)
-    return Accelerated(v, at.v, f, dv, df), Iterate(new, price, jnp.abs(free - new).max((0, 1, 2)), change)
+    change = jnp.abs(new - forces).max((0, 1, 2)) * FORCE_PENALTY / (qp.force_weight + FORCE_PENALTY)
+    return Accelerated(v, at.v, f, dv, df), Iterate(new, multipliers, jnp.abs(free - new).max((0, 1, 2)), change)
 
 
-def dot(a: jax.Array, b: jax.Array) -> jax.Array:
-    """Inner products of the problems of a batch."""
+def inner(a: jax.Array, b: jax.Array) -> jax.Array:
+    """Inner product of two arrays (N, 4, 3, batch) of each problem. Shape (batch,)."""
     return (a * b).sum((0, 1, 2))
 
 
 def solve_cones(
     constants: MpcConstants,
     qps: ScaledQp,
-    shape: Projection,
+    projection: ConeProjection,
     forces: jax.Array,
-    price: jax.Array,
+    multipliers: jax.Array,
     iterations: int,
     tolerance: float,
 ) -> Iterate:
@@ -119,29 +122,29 @@ def solve_cones(
     Args:
         constants: of the controller.
         qps: the problems; their limits of torques and joints are not read.
-        shape: projection onto cones.
-        forces, price: where to begin, shape (N, 4, 3, batch) each.
-        iterations: at most; looked at after every `CHUNK`.
+        projection: onto cones.
+        forces, multipliers: where to begin, shape (N, 4, 3, batch) each.
+        iterations: at most; looked at after every `CHECK_INTERVAL`.
         tolerance: of forces.
     """
-    factors = Factors(*jax.vmap(factorise, (None, -1), (0, -1))(constants, qps))
-    chunk = min(CHUNK, iterations)
+    system = ConeSystem(*jax.vmap(factorise, (None, -1), (0, -1))(constants, qps))
+    chunk = min(CHECK_INTERVAL, iterations)
 
     def unfinished(found: Iterate) -> jax.Array:
         return jnp.maximum(found.primal, found.dual) > tolerance  # a residual that is not a number ends it
 
     def step(at: Accelerated, _: None) -> tuple[Accelerated, None]:
-        return accelerate(qps, factors, shape, at)[0], None
+        return accelerate(qps, system, projection, at)[0], None
 
     def go_on(carry: tuple[Accelerated, Iterate, jax.Array]) -> tuple[Accelerated, Iterate, jax.Array]:
         at, found, done = carry
-        at, new = accelerate(qps, factors, shape, jax.lax.scan(step, at, None, length=chunk - 1)[0])
+        at, new = accelerate(qps, system, projection, jax.lax.scan(step, at, None, length=chunk - 1)[0])
         return at, jax.tree.map(partial(jnp.where, unfinished(found)), new, found), done + chunk
 
-    v = forces + price / PENALTY
-    first = accelerate(qps, factors, shape, Accelerated(v, v, 0 * v, 0 * v, 0 * v))[0]
+    v = forces + multipliers / FORCE_PENALTY
+    first = accelerate(qps, system, projection, Accelerated(v, v, 0 * v, 0 * v, 0 * v))[0]
     unknown = jnp.full(v.shape[-1:], jnp.inf, v.dtype)
-    found = Iterate(forces, price, unknown, unknown)
+    found = Iterate(forces, multipliers, unknown, unknown)
     # Two points make a change: the first step is an iteration alone.
     carry = Accelerated(v + first.f_before, v, first.f_before, 0 * v, 0 * v), found, jnp.int32(0)
     return jax.lax.while_loop(lambda carry: (carry[2] < iterations) & unfinished(carry[1]).any(), go_on, carry)[1]

@@ -21,11 +21,11 @@ import jax.numpy as jnp
 
 from agile_jax.control.mpc.leg_limits import inverse_3x3
 from agile_jax.control.mpc.problem import MpcConstants
-from agile_jax.control.mpc.solver.scaled_qp import ScaledQp, multiply_3x3
+from agile_jax.control.mpc.solver.scaled_qp import ScaledQp, foot_matvec
 
 
-class Prices(NamedTuple):
-    """Of cones and limits: multipliers, in units of the objective per unit of the limited quantity."""
+class Multipliers(NamedTuple):
+    """Multipliers (dual variables) of cones and limits, in units of the objective per unit of the limited quantity."""
 
     cone: jax.Array  # (N, 4, 3)
     torque: jax.Array  # (N, 4, 3)
@@ -33,7 +33,7 @@ class Prices(NamedTuple):
 
 
 class Factors(NamedTuple):
-    """Of one system; in a batch, matrices have the batch first and D^-1 has it last."""
+    """Factors of one system; in a batch, matrices have the batch first and D^-1 has it last."""
 
     L: jax.Array  # (6N, 6N)
     R: jax.Array  # (6N, 6N) R R' = 1 + L' S L
@@ -53,7 +53,7 @@ def factorise(constants: MpcConstants, qp: ScaledQp, foot: jax.Array, joint_weig
     """
     nodes = len(qp.linear)
     foot = inverse_3x3(foot)
-    wrench_foot = jnp.stack([multiply_3x3(foot, qp.force_map[:, axis]) for axis in range(6)], 1)  # B D^-1
+    wrench_foot = jnp.stack([foot_matvec(foot, qp.force_map[:, axis]) for axis in range(6)], 1)  # B D^-1
     S = jnp.einsum("kif,kjf->kij", wrench_foot.reshape(nodes, 6, 12), qp.force_map.reshape(nodes, 6, 12))
     weights = jnp.einsum("kia,ki,kib->kab", qp.joint.map, joint_weight, qp.joint.map)  # (N, 6, 6)
     pairs = jnp.einsum("ki,kj->kij", constants.response, constants.response).reshape(nodes, nodes**2)
@@ -87,17 +87,17 @@ def newton_step(
         apply_P: multiplies wrenches, shape (N, 6, batch), with P.
         gradient: shape (N, 4, 3, batch), as the result.
     """
-    rise = apply_P(qp.wrench(multiply_3x3(foot, gradient)))
-    return multiply_3x3(foot, qp.wrench_transposed(rise) - gradient)
+    rise = apply_P(qp.wrench(foot_matvec(foot, gradient)))
+    return foot_matvec(foot, qp.wrench_transposed(rise) - gradient)
 
 
 def lagrangian_gradient(
-    constants: MpcConstants, qp: ScaledQp, forces: jax.Array, wrench: jax.Array, prices: Prices
+    constants: MpcConstants, qp: ScaledQp, forces: jax.Array, wrench: jax.Array, multipliers: Multipliers
 ) -> jax.Array:
-    """Of the Lagrangian by the forces, in a batch. Shape (N, 4, 3)."""
-    multiplier = qp.gradient(constants, wrench) + qp.joints_transposed(constants, prices.joint)
-    gradient = qp.force_weight * forces + qp.wrench_transposed(multiplier) + prices.cone
-    return gradient + qp.torques_transposed(prices.torque)
+    """Gradient of the Lagrangian by the forces, in a batch. Shape (N, 4, 3)."""
+    multiplier = qp.gradient(constants, wrench) + qp.joints_transposed(constants, multipliers.joint)
+    gradient = qp.force_weight * forces + qp.wrench_transposed(multiplier) + multipliers.cone
+    return gradient + qp.torques_transposed(multipliers.torque)
 
 
 def largest(*residuals: jax.Array) -> jax.Array:

@@ -1,19 +1,21 @@
 """Third pass: the method of multipliers, its subproblems by semismooth Newton steps, for what ADMM leaves.
 
 Problems with many active limits, or with joints that no force can keep within theirs, converge slowly under fixed
-penalties. The same splittings and exact penalty as in `limit_admm`, without z, t and s: at prices lambda, the augmented
-Lagrangian of g alone is convex and once differentiable, with the gradient of the Lagrangian at the prices
+penalties. The same splittings and exact penalty as in `limit_admm`, without z, t and s: at multipliers lambda, the
+augmented Lagrangian of g alone is convex and once differentiable. Its gradient is that of the Lagrangian at the
+multipliers
 
     cone    lambda_g + rho (g - .)   minus its projection, so that x = g + lambda_g / rho gives rho (x - project(x))
     torque  the same with the box of torques and rho_t
     joint   the same with the box of positions and rho_s, cut to +- c
 
-and the generalised Hessian of `limit_system` with D = w 1 + rho (1 - project'(x)) + rho_t A' 1_active A and
+and the generalised Hessian of `linear_system` with D = w 1 + rho (1 - project'(x)) + rho_t A' 1_active A and
 W = rho_s 1_active (Li, Sun and Toh 2018, a semismooth Newton augmented Lagrangian method). A step goes to where the
-slope along it vanishes; when the gradient is small the prices become those above; and where this leaves most of the
-violation the penalties grow.
+slope along it vanishes; when the gradient is small the multipliers become those above; and where this leaves most of
+the violation the penalties grow.
 """
 
+import dataclasses
 from functools import partial
 from typing import NamedTuple
 
@@ -22,28 +24,29 @@ import jax.numpy as jnp
 
 from agile_jax.control.mpc.problem import MpcConstants
 from agile_jax.control.mpc.solver.cone_admm import Iterate
-from agile_jax.control.mpc.solver.limit_admm import JOINT_PRICE_MAX
+from agile_jax.control.mpc.solver.limit_admm import JOINT_MULTIPLIER_MAX
 from agile_jax.control.mpc.solver.linear_system import (
     BATCHED,
     Factors,
-    Prices,
+    Multipliers,
     factorise,
     lagrangian_gradient,
     largest,
     newton_step,
     solve,
 )
-from agile_jax.control.mpc.solver.scaled_qp import Projection, ScaledQp
+from agile_jax.control.mpc.solver.projection import ConeProjection
+from agile_jax.control.mpc.solver.scaled_qp import ScaledQp
 
-PENALTY, TORQUE_PENALTY, JOINT_PENALTY = 6.0, 3.0, 100.0  # rho, rho_t, rho_s [1/rad^2] at the beginning
-GROWTH = 3.0  # of the penalties, where an update left more than SLOW of the violation
-GROWTH_MAX = 30.0  # above, float32 no longer tells where the steps go
-SLOW = 0.6
+FORCE_PENALTY, TORQUE_PENALTY, JOINT_PENALTY = 6.0, 3.0, 100.0  # rho, rho_t, rho_s [1/rad^2] at the beginning
+PENALTY_GROWTH = 3.0  # where a change of the multipliers left more than SLOW_DECREASE of the violation
+PENALTY_GROWTH_MAX = 30.0  # in all; above, float32 no longer tells where the steps go
+SLOW_DECREASE = 0.6
 REGULARISATION = 0.02  # of D: conditions it; the gradient, and so the solution, is without
-INNER = 0.1  # the prices change when the gradient is this part of what their change makes
-RESOLVED = 10.0  # times the tolerance: no shorter step is told from rounding errors
-GRADIENT = 0.3  # times the tolerance: gradient of a solved problem
-SLOPES = (0.03, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of a step at which its slope is looked at
+SUBPROBLEM_TOLERANCE = 0.1  # the multipliers change when the gradient is this part of what their change makes
+SHORTEST_STEP = 10.0  # times the tolerance: no shorter step is told from rounding errors
+GRADIENT_TOLERANCE = 0.3  # times the tolerance: gradient of a solved problem
+LINE_SEARCH = (0.03, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of a step at which its slope is looked at
 
 
 class Point(NamedTuple):
@@ -55,54 +58,56 @@ class Point(NamedTuple):
     joints: jax.Array  # (N, 12, batch) K B g
 
 
-class Newton(NamedTuple):
+class State(NamedTuple):
     """Where a batch is."""
 
     forces: jax.Array  # (N, 4, 3, batch)
-    prices: Prices
+    multipliers: Multipliers
     growth: jax.Array  # (batch,) of the penalties
-    before: jax.Array  # (batch,) primal residual of the last change of prices
+    before: jax.Array  # (batch,) primal residual of the last change of multipliers
     primal: jax.Array  # (batch,)
     dual: jax.Array  # (batch,)
     steps: jax.Array  # (batch,) int32
 
 
-def at(constants: MpcConstants, qp: ScaledQp, forces: jax.Array) -> Point:
-    """Of given forces."""
+def point_at(constants: MpcConstants, qp: ScaledQp, forces: jax.Array) -> Point:
+    """The point of given forces (N, 4, 3, batch)."""
     wrench = qp.wrench(forces)
     return Point(forces, wrench, qp.torques(forces), qp.joints(constants, wrench))
 
 
-def along(point: Point, direction: Point, part: jax.Array) -> Point:
-    """A part of a direction further."""
+def moved(point: Point, direction: Point, part: jax.Array) -> Point:
+    """The point that is a part of a step further."""
     return jax.tree.map(lambda value, change: value + part * change, point, direction)
 
 
-def prices_at(qp: ScaledQp, shape: Projection, point: Point, prices: Prices, penalties: Prices) -> Prices:
-    """Prices that the method of multipliers would take at a point."""
-    cone = point.forces + prices.cone / penalties.cone
-    torque = point.torques + prices.torque / penalties.torque
-    joint = point.joints + prices.joint / penalties.joint
+def multipliers_at(
+    qp: ScaledQp, projection: ConeProjection, point: Point, multipliers: Multipliers, penalties: Multipliers
+) -> Multipliers:
+    """Multipliers that the method of multipliers would take at a point."""
+    cone = point.forces + multipliers.cone / penalties.cone
+    torque = point.torques + multipliers.torque / penalties.torque
+    joint = point.joints + multipliers.joint / penalties.joint
     outside = penalties.joint * (joint - jnp.clip(joint, qp.joint.lower, qp.joint.upper))
-    return Prices(
-        penalties.cone * (cone - qp.project(shape, cone)),
+    return Multipliers(
+        penalties.cone * (cone - qp.project(projection, cone)),
         penalties.torque * (torque - jnp.clip(torque, qp.torque.lower, qp.torque.upper)),
-        jnp.clip(outside, -JOINT_PRICE_MAX, JOINT_PRICE_MAX),
+        jnp.clip(outside, -JOINT_MULTIPLIER_MAX, JOINT_MULTIPLIER_MAX),
     )
 
 
-def projection_derivative(qp: ScaledQp, shape: Projection, forces: jax.Array) -> jax.Array:
+def projection_derivative(qp: ScaledQp, projection: ConeProjection, forces: jax.Array) -> jax.Array:
     """Generalised Jacobian of the projection onto the cones, shape (N, 4, 3, 3, batch)."""
 
     def column(axis: int) -> jax.Array:
         unit = jnp.zeros_like(forces).at[:, :, axis].set(1.0)
-        return jax.jvp(partial(qp.project, shape), (forces,), (unit,))[1]
+        return jax.jvp(partial(qp.project, projection), (forces,), (unit,))[1]
 
     return jnp.stack([column(axis) for axis in range(3)], 3)
 
 
 def factorise_active(
-    constants: MpcConstants, qp: ScaledQp, derivative: jax.Array, active: Prices, penalties: Prices
+    constants: MpcConstants, qp: ScaledQp, derivative: jax.Array, active: Multipliers, penalties: Multipliers
 ) -> Factors:
     """The system of one problem, with 1 for active rows of torques and joints and 0 for others."""
     rows = qp.torque.map
@@ -111,97 +116,104 @@ def factorise_active(
     return factorise(constants, qp, foot, penalties.joint * active.joint)
 
 
-def solve_newton(
-    constants: MpcConstants,
-    qps: ScaledQp,
-    shape: Projection,
-    start: Iterate,
-    prices: Prices,
-    steps: int,
-    tolerance: float,
-    joint_tolerance: float,
-) -> tuple[Iterate, jax.Array]:
-    """Iterate on a batch of problems, whose axis is the last one of every array, until all are solved.
+@dataclasses.dataclass(frozen=True, eq=False)
+class MethodOfMultipliers:
+    """The iteration on one batch of problems."""
 
-    A problem that is solved stays as it is while others go on.
+    constants: MpcConstants
+    qps: ScaledQp
+    projection: ConeProjection
+    steps: int  # at most
+    tolerance: float  # of forces, and of torques in units of force
+    joint_tolerance: float  # of positions [rad]
 
-    Args:
-        constants: of the controller.
-        qps: the problems.
-        shape: projection onto cones.
-        start, prices: from the second pass.
-        steps: at most.
-        tolerance: of forces, and of torques in units of force.
-        joint_tolerance: of positions [rad].
+    def gradient(self, point: Point, multipliers: Multipliers) -> jax.Array:
+        """Gradient of the augmented Lagrangian, whose multipliers at the point are given. Shape (N, 4, 3, batch)."""
+        return lagrangian_gradient(self.constants, self.qps, point.forces, point.wrench, multipliers)
 
-    Returns:
-        The last iterates, and the numbers of steps (batch,), int32.
-    """
-    system = jax.vmap(factorise_active, (None, -1, -1, -1, -1), BATCHED)
-    solve_systems = jax.vmap(solve, (BATCHED, -1), -1)
-    joint_scale = tolerance / joint_tolerance
+    def unfinished(self, now: State) -> jax.Array:
+        """Which problems go on, shape (batch,) bool."""
+        residual = jnp.maximum(now.primal, now.dual)
+        return (now.steps < self.steps) & (residual > self.tolerance)  # a residual that is not a number ends it
 
-    def gradient(point: Point, prices: Prices) -> jax.Array:
-        return lagrangian_gradient(constants, qps, point.forces, point.wrench, prices)
-
-    def step(now: Newton) -> Newton:
-        penalties = Prices(PENALTY * now.growth, TORQUE_PENALTY * now.growth, JOINT_PENALTY * now.growth)
-        point = at(constants, qps, now.forces)
-
-        def priced(point: Point) -> Prices:
-            return prices_at(qps, shape, point, now.prices, penalties)
-
-        new = priced(point)
-        downhill = gradient(point, new)
-        active = Prices(
-            new.cone, 1.0 * (new.torque != 0), 1.0 * ((new.joint != 0) & (jnp.abs(new.joint) < JOINT_PRICE_MAX))
-        )
-        derivative = projection_derivative(qps, shape, now.forces + now.prices.cone / penalties.cone)
-        factors = system(constants, qps, derivative, active, penalties)
-        direction = at(constants, qps, newton_step(qps, factors.foot, partial(solve_systems, factors), downhill))
-
-        def slope(part: jax.Array) -> jax.Array:
-            there = along(point, direction, part)
-            return (gradient(there, priced(there)) * direction.forces).sum((0, 1, 2))
-
-        part = first_zero((downhill * direction.forces).sum((0, 1, 2)), jax.lax.map(slope, jnp.array(SLOPES)))
-        point = along(point, direction, part)
-        new = priced(point)
-        rest = largest(gradient(point, new))
+    def step(self, now: State) -> State:
+        """One Newton step of the forces, and a change of the multipliers where it solves the subproblem."""
+        penalties = Multipliers(*(start * now.growth for start in (FORCE_PENALTY, TORQUE_PENALTY, JOINT_PENALTY)))
+        point, part, direction = self.newton_step(now, penalties)
+        new = multipliers_at(self.qps, self.projection, point, now.multipliers, penalties)
+        rest = largest(self.gradient(point, new))
         length = largest(direction.forces)
         primal = largest(
-            (new.cone - now.prices.cone) / penalties.cone,
-            (new.torque - now.prices.torque) / penalties.torque,
-            (new.joint - now.prices.joint) / penalties.joint * joint_scale,
+            (new.cone - now.multipliers.cone) / penalties.cone,
+            (new.torque - now.multipliers.torque) / penalties.torque,
+            (new.joint - now.multipliers.joint) / penalties.joint * (self.tolerance / self.joint_tolerance),
         )
-        dual = jnp.minimum(rest / GRADIENT, length / RESOLVED)
-        solved = jnp.maximum(primal, dual) <= tolerance
+        dual = jnp.minimum(rest / GRADIENT_TOLERANCE, length / SHORTEST_STEP)
+        solved = jnp.maximum(primal, dual) <= self.tolerance
         # No descent, or hardly a step: the subproblem is solved as far as float32 can tell.
-        inner = (rest <= INNER * penalties.cone * primal) | (length <= RESOLVED * tolerance) | (part <= SLOPES[0] / 3)
-        slow = inner & (primal > SLOW * now.before)
-        return Newton(
+        inner = rest <= SUBPROBLEM_TOLERANCE * penalties.cone * primal
+        inner |= (length <= SHORTEST_STEP * self.tolerance) | (part <= LINE_SEARCH[0] / 3)
+        slow = inner & (primal > SLOW_DECREASE * now.before)
+        return State(
             point.forces,
-            jax.tree.map(partial(jnp.where, inner | solved), new, now.prices),
-            jnp.where(slow, jnp.minimum(GROWTH * now.growth, GROWTH_MAX), now.growth),
+            jax.tree.map(partial(jnp.where, inner | solved), new, now.multipliers),
+            jnp.where(slow, jnp.minimum(PENALTY_GROWTH * now.growth, PENALTY_GROWTH_MAX), now.growth),
             jnp.where(inner, primal, now.before),
             primal,
             dual,
             now.steps + 1,
         )
 
-    def unfinished(now: Newton) -> jax.Array:
-        residual = jnp.maximum(now.primal, now.dual)
-        return (now.steps < steps) & (residual > tolerance)  # a residual that is not a number ends it
+    def newton_step(self, now: State, penalties: Multipliers) -> tuple[Point, jax.Array, Point]:
+        """Where a step ends, which part of it was taken (batch,), and the whole step."""
+        constants, qps = self.constants, self.qps
+        point = point_at(constants, qps, now.forces)
 
+        def multipliers(point: Point) -> Multipliers:
+            return multipliers_at(qps, self.projection, point, now.multipliers, penalties)
+
+        new = multipliers(point)
+        downhill = self.gradient(point, new)
+        hard = (new.joint != 0) & (jnp.abs(new.joint) < JOINT_MULTIPLIER_MAX)
+        active = Multipliers(new.cone, 1.0 * (new.torque != 0), 1.0 * hard)
+        derivative = projection_derivative(qps, self.projection, now.forces + now.multipliers.cone / penalties.cone)
+        factors = jax.vmap(factorise_active, (None, -1, -1, -1, -1), BATCHED)(
+            constants, qps, derivative, active, penalties
+        )
+        apply_P = partial(jax.vmap(solve, (BATCHED, -1), -1), factors)
+        direction = point_at(constants, qps, newton_step(qps, factors.foot, apply_P, downhill))
+
+        def slope(part: jax.Array) -> jax.Array:
+            there = moved(point, direction, part)
+            return (self.gradient(there, multipliers(there)) * direction.forces).sum((0, 1, 2))
+
+        slopes = jax.lax.map(slope, jnp.array(LINE_SEARCH))
+        part = first_zero((downhill * direction.forces).sum((0, 1, 2)), slopes)
+        return moved(point, direction, part), part, direction
+
+
+def solve_newton(method: MethodOfMultipliers, start: Iterate, multipliers: Multipliers) -> tuple[Iterate, jax.Array]:
+    """Iterate on a batch of problems, whose axis is the last one of every array, until all are solved.
+
+    A problem that is solved stays as it is while others go on.
+
+    Args:
+        method: with the problems.
+        start, multipliers: from the second pass.
+
+    Returns:
+        The last iterates, and the numbers of steps (batch,), int32.
+    """
     unknown = jnp.full(start.primal.shape, jnp.inf, start.primal.dtype)
     none = jnp.zeros(unknown.shape, jnp.int32)
     end = jax.lax.while_loop(
-        lambda now: unfinished(now).any(),
-        lambda now: jax.tree.map(partial(jnp.where, unfinished(now)), step(now), now),
-        Newton(start.forces, prices, jnp.ones_like(unknown), unknown, unknown, unknown, none),
+        lambda now: method.unfinished(now).any(),
+        lambda now: jax.tree.map(partial(jnp.where, method.unfinished(now)), method.step(now), now),
+        State(start.forces, multipliers, jnp.ones_like(unknown), unknown, unknown, unknown, none),
     )
-    forces = qps.project(shape, end.forces + end.prices.cone / (PENALTY * end.growth))
-    return Iterate(forces, end.prices.cone, end.primal, end.dual), end.steps
+    at = end.forces + end.multipliers.cone / (FORCE_PENALTY * end.growth)
+    forces = method.qps.project(method.projection, at)
+    return Iterate(forces, end.multipliers.cone, end.primal, end.dual), end.steps
 
 
 def first_zero(at_zero: jax.Array, slopes: jax.Array) -> jax.Array:
@@ -209,9 +221,9 @@ def first_zero(at_zero: jax.Array, slopes: jax.Array) -> jax.Array:
 
     Args:
         at_zero: slope at 0, shape (batch,).
-        slopes: at `SLOPES`, shape (len(SLOPES), batch).
+        slopes: at `LINE_SEARCH`, shape (len(LINE_SEARCH), batch).
     """
-    parts = jnp.array((0.0, *SLOPES))
+    parts = jnp.array((0.0, *LINE_SEARCH))
     values = jnp.concatenate([at_zero[None], slopes])
     uphill = slopes > 0.1 * jnp.abs(at_zero)
     first = jnp.argmax(uphill, 0)

@@ -1,7 +1,11 @@
 """Exact Euclidean projections onto the forces that a foot can have."""
 
+from collections.abc import Callable
+
 import jax
 import jax.numpy as jnp
+
+ConeProjection = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]  # (forces, friction, force_max)
 
 
 def project_cone(force: jax.Array, friction: jax.Array, force_max: jax.Array) -> jax.Array:
@@ -48,7 +52,7 @@ def project_pyramid(force: jax.Array, friction: jax.Array, force_max: jax.Array)
     return jnp.stack([jnp.clip(x, -bound, bound), jnp.clip(y, -bound, bound), new_normal], 2)
 
 
-PROJECTIONS = {"cone": project_cone, "pyramid": project_pyramid}
+PROJECTIONS: dict[str, ConeProjection] = {"cone": project_cone, "pyramid": project_pyramid}
 
 
 def shrink_into(force: jax.Array, image: jax.Array, lower: jax.Array, upper: jax.Array) -> jax.Array:

@@ -5,7 +5,7 @@ shapes (..., batch). Products are sums over the contracted index written out; ea
 over the problems. (vmap would put the batch first, and XLA's products of many small matrices take three times as long.)
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import reduce
 from operator import add
 from typing import NamedTuple
@@ -15,11 +15,10 @@ import jax.numpy as jnp
 
 from agile_jax.control.mpc.leg_limits import JointRows, TorqueRows
 from agile_jax.control.mpc.problem import MpcConstants, Qp
+from agile_jax.control.mpc.solver.projection import ConeProjection
 
 FORCE_UNIT = 30.0  # [N], about a quarter of the robot's weight
 LEVER_UNIT = 0.2  # [m], about a joint's lever arm: a row of torque has about the length of a row of force
-
-Projection = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]  # (forces, friction, force_max)
 
 
 class ScaledQp(NamedTuple):
@@ -65,9 +64,9 @@ class ScaledQp(NamedTuple):
         flat = wrench.reshape(len(constants.hessian), *wrench.shape[2:])
         return jnp.tensordot(constants.hessian, flat, 1).reshape(wrench.shape) + self.linear
 
-    def project(self, shape: Projection, forces: jax.Array) -> jax.Array:
+    def project(self, projection: ConeProjection, forces: jax.Array) -> jax.Array:
         """Nearest forces (N, 4, 3) that the feet can have, limits of joints aside."""
-        return shape(forces, self.friction, self.force_max) * self.contact[:, :, None]
+        return projection(forces, self.friction, self.force_max) * self.contact[:, :, None]
 
 
 def scale(qp: Qp) -> ScaledQp:
@@ -86,12 +85,12 @@ def scale(qp: Qp) -> ScaledQp:
     )
 
 
-def multiply_3x3(matrices: jax.Array, vectors: jax.Array) -> jax.Array:
-    """Of each foot. Shapes (N, 4, 3, 3), (N, 4, 3) to (N, 4, 3)."""
+def foot_matvec(matrices: jax.Array, vectors: jax.Array) -> jax.Array:
+    """A matrix of each foot times its vector. Shapes (N, 4, 3, 3), (N, 4, 3) to (N, 4, 3)."""
     return _sum(matrices[:, :, :, i] * vectors[:, :, None, i] for i in range(3))
 
 
-def times(matrices: jax.Array, wrench: jax.Array) -> jax.Array:
+def batched_matvec(matrices: jax.Array, wrench: jax.Array) -> jax.Array:
     """A matrix of each problem times its wrench. Shapes (batch, 6N, 6N), (N, 6, batch) to (N, 6, batch).
 
     The product with the identity is a hint to the compiler: without it, the sums that make `wrench` are fused with the

@@ -9,14 +9,7 @@ import numpy as np
 import pytest
 
 from agile_jax.benchmark.tracking import summary
-from agile_jax.benchmark.workloads.commands import (
-    UNDISTURBED,
-    Command,
-    Loop,
-    random_commands,
-    track_commands,
-    tracking_loop,
-)
+from agile_jax.benchmark.workloads.commands import Command, random_commands
 from agile_jax.benchmark.workloads.disturbance import (
     Disturbance,
     SensorNoise,
@@ -25,7 +18,8 @@ from agile_jax.benchmark.workloads.disturbance import (
     push_force,
     sense,
 )
-from agile_jax.control import ControlSettings
+from agile_jax.benchmark.workloads.tracking import UNDISTURBED, TrackingLoop, track_commands, tracking_loop
+from agile_jax.control import ControllerState, ControlSettings, make_mpc_controller
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
 from agile_jax.scene import SceneSettings, make_scene
@@ -35,8 +29,9 @@ CONTROL, ROBOT = ControlSettings(), RobotSettings()
 
 
 @lru_cache
-def loop() -> Loop:
-    return tracking_loop(load_robot(ROBOT), CONTROL, UNDISTURBED)
+def loop() -> TrackingLoop[ControllerState]:
+    robot = load_robot(ROBOT)
+    return tracking_loop(robot, CONTROL, UNDISTURBED, make_mpc_controller(robot, CONTROL))
 
 
 @lru_cache
@@ -45,7 +40,7 @@ def model() -> mujoco.MjModel:
 
 
 def track(commands: Command, duration: float, **others):
-    return track_commands(commands, duration, CONTROL, ROBOT, start_height=0.28, loop=loop(), threads=1, **others)
+    return track_commands(loop(), commands, duration, ROBOT, start_height=0.28, threads=1, **others)
 
 
 def test_commands_are_met_and_standing_does_not_drift():

@@ -10,6 +10,7 @@ from typing import NamedTuple, Protocol
 
 import jax
 import numpy as np
+from jaxtyping import Float, Int
 
 from agile_jax.control import Counts
 from agile_jax.simulation.outcome import RUNNING, Outcome
@@ -20,7 +21,7 @@ class Rollout(NamedTuple):
 
     outcome: Outcome  # leading axis n
     counts: Counts  # of the controller, leading axis n
-    plans: np.ndarray  # (n,) solutions in all
+    plans: Int[np.ndarray, " n"]  # made in each episode
 
 
 class Slots(Protocol):
@@ -30,28 +31,30 @@ class Slots(Protocol):
     def count(self) -> int:
         """How many episodes run at once."""
 
-    def begin(self, slots: np.ndarray, qpos: np.ndarray, time_limits: np.ndarray) -> None:
-        """Start new episodes in `slots`, shape (k,), from rest at qpos (k, nq), with time limits (k,) [s]."""
+    def begin(
+        self, slots: Int[np.ndarray, " k"], qpos: Float[np.ndarray, "k nq"], time_limits: Float[np.ndarray, " k"]
+    ) -> None:
+        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s]."""
 
-    def advance(self) -> np.ndarray:
-        """Simulate a while; return the status of every slot, shape (count,). What has ended does not change."""
+    def advance(self) -> Int[np.ndarray, " count"]:
+        """Simulate a while; return the status of every slot. What has ended does not change."""
 
-    def read(self, slots: np.ndarray) -> Rollout:
-        """The results in `slots`, shape (k,)."""
+    def read(self, slots: Int[np.ndarray, " k"]) -> Rollout:
+        """The results in some slots."""
 
 
 def stream(
     slots: Slots,
-    qpos: np.ndarray,
-    time_limits: np.ndarray,
+    qpos: Float[np.ndarray, "n nq"],
+    time_limits: Float[np.ndarray, " n"],
     watch: Callable[[np.ndarray], None] | None = None,
 ) -> Iterator[tuple[np.ndarray, Rollout]]:
     """Run n episodes and yield them as they end.
 
     Args:
         slots: where they run.
-        qpos: initial configurations, shape (n, nq).
-        time_limits: shape (n,) [s].
+        qpos: initial configurations.
+        time_limits: [s].
         watch: called after every advance with the episode in each slot, shape (count,), -1 where there is none.
 
     Yields:

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from agile_jax.control.mpc.problem import mpc_constants
-from agile_jax.control.mpc.solver.linear_system import BATCHED, Prices, newton_step, solve
+from agile_jax.control.mpc.solver.linear_system import BATCHED, Multipliers, newton_step, solve
 from agile_jax.control.mpc.solver.newton import (
+    LINE_SEARCH,
     REGULARISATION,
-    SLOPES,
-    at,
     factorise_active,
     first_zero,
+    point_at,
     projection_derivative,
 )
 from agile_jax.control.mpc.solver.projection import PROJECTIONS
@@ -54,18 +54,18 @@ def test_the_derivative_of_a_projection_is_that_of_small_differences(cone: str, 
 def test_a_step_solves_its_system(batch: Any):
     """Against the Hessian of the augmented Lagrangian, column by column."""
     rng = np.random.default_rng(1)
-    penalties = Prices(*(jnp.full(4, value) for value in (6.0, 3.0, 100.0)))
+    penalties = Multipliers(*(jnp.full(4, value) for value in (6.0, 3.0, 100.0)))
     forces = jnp.asarray(rng.normal(size=batch.torque.lower.shape), jnp.float32)
     derivative = projection_derivative(batch, PROJECTIONS["cone"], forces)
     mask = jnp.asarray(rng.integers(0, 2, forces.shape), jnp.float32)
     rows = jnp.asarray(rng.integers(0, 2, batch.joint.lower.shape), jnp.float32)
-    active = Prices(forces, mask, rows)
+    active = Multipliers(forces, mask, rows)
     factors = jax.vmap(factorise_active, (None, -1, -1, -1, -1), BATCHED)(
         CONSTANTS, batch, derivative, active, penalties
     )
 
     def hessian(g: jax.Array) -> jax.Array:
-        point = at(CONSTANTS, batch, g)
+        point = point_at(CONSTANTS, batch, g)
         pull = batch.gradient(CONSTANTS, point.wrench) - batch.linear
         pull += batch.joints_transposed(CONSTANTS, penalties.joint * rows * point.joints)
         cone = penalties.cone * (g - jnp.einsum("klijb,kljb->klib", derivative, g))
@@ -81,15 +81,15 @@ def test_a_step_solves_its_system(batch: Any):
 
 @pytest.mark.parametrize("zero", [0.02, 0.25, 0.6, 0.97])
 def test_a_step_goes_to_where_its_slope_vanishes(zero: float):
-    slopes = jnp.array([3.0 * (part - zero) for part in SLOPES])
-    kinked = jnp.array([(1.0 if part < zero else 9.0) * (part - zero) for part in SLOPES])
+    slopes = jnp.array([3.0 * (part - zero) for part in LINE_SEARCH])
+    kinked = jnp.array([(1.0 if part < zero else 9.0) * (part - zero) for part in LINE_SEARCH])
     found = np.asarray(first_zero(jnp.array([-3 * zero, -zero]), jnp.stack([slopes, kinked], -1)))
     assert found[0] == pytest.approx(zero, abs=1e-6 if zero < 0.9 else 0.04)
-    before = max([0.0, *(part for part in SLOPES if part < zero)])
-    after = min(part for part in SLOPES if part > zero)
+    before = max([0.0, *(part for part in LINE_SEARCH if part < zero)])
+    after = min(part for part in LINE_SEARCH if part > zero)
     assert before <= found[1] <= after
 
 
 def test_a_step_that_stays_downhill_is_taken_whole():
-    downhill = jnp.array([-1.0 + part for part in SLOPES])[:, None]
+    downhill = jnp.array([-1.0 + part for part in LINE_SEARCH])[:, None]
     assert first_zero(jnp.array([-1.0]), downhill)[0] == 1.0

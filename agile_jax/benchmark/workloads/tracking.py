@@ -1,0 +1,223 @@
+"""Robots that follow commands on flat ground, disturbed or not, in C MuJoCo.
+
+Every episode starts standing at rest. The reference drives along the command under the acceleration limits, as it does
+along a policy's field. Nothing that happens in the first second counts as an error, since the robot must first get
+there; a fall counts at any time.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Generic, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jaxtyping import Array, Float, Int
+
+from agile_jax.benchmark.workloads.commands import Command, obey
+from agile_jax.benchmark.workloads.disturbance import (
+    Disturbance,
+    Draws,
+    SensorNoise,
+    disturbed_models,
+    draw,
+    next_drift,
+    push_force,
+    sense,
+)
+from agile_jax.benchmark.workloads.tally import Tally, columns, empty_tally, update_tally
+from agile_jax.control import Controller, ControlSettings, Diagnostics, as_float32
+from agile_jax.control.interface import State
+from agile_jax.progress import Progress, silent
+from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, robot_state, standing_qpos
+from agile_jax.scene import SceneSettings, make_scene
+from agile_jax.simulation import MujocoPhysics, Sensed
+from agile_jax.simulation.closed_loop import counted_while
+from agile_jax.simulation.outcome import trunk_pose
+from agile_jax.simulation.plan_cycle import on_host, plan_cycle
+from agile_jax.simulation.reference import ReferenceState, plan_reference
+
+UNDISTURBED = Disturbance()
+ACCELERATION = (1.5, 1.5, 1.0, 3.0)  # of the reference [m/s^2, rad/s^2]; the expert's default
+
+
+class Tracked(NamedTuple, Generic[State]):
+    """State of one robot under a command."""
+
+    command: Command
+    draws: Draws
+    controller: State
+    reference: ReferenceState
+    diagnostics: Diagnostics  # of the controller; once the robot has fallen, its counts stay
+    tally: Tally
+    time: Float[Array, ""]  # [s]
+    step: Int[Array, ""]
+    drift: Float[Array, "3"]  # of the sensed orientation, in standard deviations
+    queue: Float[Array, "delay 12"]  # torques on their way [Nm]
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Tracking(Generic[State]):
+    """The closed loop of one robot that follows a command, disturbances included."""
+
+    robot: RobotModel
+    settings: ControlSettings
+    disturbance: Disturbance
+    controller: Controller[State]
+
+    @property
+    def noisy(self) -> bool:
+        """Whether what is sensed is not the truth."""
+        return self.disturbance.noise != SensorNoise()
+
+    def init(self, sensed: Sensed, command: Command, draws: Draws) -> Tracked[State]:
+        """Begin: a robot at rest, its command, and what its disturbances drew."""
+        state = self.controller.init(robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact))
+        return Tracked(
+            command,
+            draws,
+            state,
+            ReferenceState(trunk_pose(sensed), jnp.zeros(4)),
+            self.controller.diagnostics(state),
+            empty_tally(),
+            jnp.float32(0.0),
+            jnp.int32(0),
+            jnp.zeros(3),
+            jnp.zeros((round(self.disturbance.delay / self.settings.control_dt) + 1, 12)),
+        )
+
+    def plan(self, now: Tracked[State], sensed: Sensed) -> Tracked[State]:
+        """Advance the reference, and plan."""
+        sensed = self._seen(now, sensed)
+        limit = jnp.array(ACCELERATION)
+        reference_state, reference = plan_reference(
+            obey, now.command, None, now.reference, trunk_pose(sensed), now.time, limit, self.settings
+        )
+        measured = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
+        state = self.controller.plan(now.controller, measured, reference)
+        return now._replace(controller=state, reference=reference_state, diagnostics=self._diagnostics(now, state))
+
+    def act(self, now: Tracked[State], sensed: Sensed) -> Tracked[State]:
+        """Count the last step, and put the torques of the next into the queue."""
+        tally = update_tally(
+            now.tally, now.time, sensed, now.command, now.queue[0], now.diagnostics.cone_violation, self.robot
+        )
+        seen = self._seen(now, sensed)
+        state, torque = self.controller.act(now.controller, robot_state(seen.qpos, seen.qvel, seen.foot_contact))
+        if self.disturbance.torque_noise:
+            error = now.draws.torque_error + jax.random.normal(_key(now, 1), (12,))
+            torque = torque * (1 + self.disturbance.torque_noise * error)
+        drift = next_drift(now.drift, _key(now, 2), self.settings.control_dt) if self.noisy else now.drift
+        return now._replace(
+            controller=state,
+            diagnostics=self._diagnostics(now, state),
+            tally=tally,
+            time=now.time + self.settings.control_dt,
+            step=now.step + 1,
+            drift=drift,
+            queue=jnp.concatenate([now.queue[1:], torque[None]]),
+        )
+
+    def _seen(self, now: Tracked[State], sensed: Sensed) -> Sensed:
+        return sense(sensed, self.disturbance.noise, now.drift, _key(now, 0)) if self.noisy else sensed
+
+    def _diagnostics(self, now: Tracked[State], state: State) -> Diagnostics:
+        upright = jnp.isinf(now.tally.fall_time)
+        return counted_while(upright, self.controller.diagnostics(state), now.diagnostics)
+
+
+def _key(now: Tracked[State], use: int) -> jax.Array:
+    """Of the random numbers of one step, for one of four uses."""
+    return jax.random.fold_in(now.draws.key, 4 * now.step + use)
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class TrackingLoop(Generic[State]):
+    """The functions of a `Tracking` for n robots, compiled once. `plan` and `act` consume the states."""
+
+    one: Tracking[State]
+    init: Callable[[Sensed, Command, Draws], Tracked[State]]
+    plan: Callable[[Tracked[State], Sensed], Tracked[State]]
+    act: Callable[[Tracked[State], Sensed], Tracked[State]]
+
+    @property
+    def acts_per_plan(self) -> int:
+        """Time steps between two plans."""
+        return round(self.one.settings.plan_dt / self.one.settings.control_dt)
+
+
+def tracking_loop(
+    robot: RobotModel,
+    settings: ControlSettings,
+    disturbance: Disturbance,
+    controller: Controller[State],
+) -> TrackingLoop[State]:
+    """Compile the closed loop; keep it, a second one would compile again.
+
+    Args:
+        robot: constants.
+        settings: clocks, and the horizon and `lead_limit` of the reference.
+        disturbance: of every episode.
+        controller: that follows the commands.
+    """
+    one = Tracking(robot, settings, disturbance, controller)
+    return TrackingLoop(
+        one,
+        jax.jit(jax.vmap(one.init)),
+        jax.jit(jax.vmap(one.plan), donate_argnums=0),
+        jax.jit(jax.vmap(one.act), donate_argnums=0),
+    )
+
+
+def track_commands(
+    loop: TrackingLoop[State],
+    commands: Command,
+    duration: float,
+    robot_settings: RobotSettings,
+    *,
+    start_height: float,
+    seed: int = 0,
+    threads: int = 2,
+    progress: Progress = silent,
+    watch: Callable[[Sensed, Tracked[State]], None] | None = None,
+) -> dict[str, np.ndarray]:
+    """Run one episode for each command, all at once.
+
+    Args:
+        loop: from `tracking_loop`.
+        commands: n of them.
+        duration: [s].
+        robot_settings: of the robot.
+        start_height: at which the robots stand first [m].
+        seed: of the disturbances' draws.
+        threads: of the physics.
+        progress: is told of the plans done.
+        watch: called after every plan period with what is sensed and the states.
+
+    Returns:
+        Columns of n: fall_time [s], velocity_rms [m/s], velocity_bias (n, 2), yaw_rate_rms, height_error_max [m],
+        tilt_max [rad], cone_violation [N], torque_share, joint_violation [rad], and the controller's counts.
+    """
+    settings, disturbance = loop.one.settings, loop.one.disturbance
+    draws = draw(len(commands.yaw_rate), seed)
+    model = build_mujoco_model(make_scene(SceneSettings()), robot_settings, settings.control_dt)
+    start = standing_qpos(loop.one.robot, np.array([0.0, 0.0, start_height, 0.0], np.float32))
+    plans, count = round(duration / settings.plan_dt), len(commands.yaw_rate)
+    active = np.ones(count, bool)
+    with MujocoPhysics(model, count, threads, disturbed_models(model, disturbance, draws)) as physics:
+
+        def step(world: tuple[int, Sensed], states: Tracked[State]) -> tuple[tuple[int, Sensed], Sensed]:
+            steps, before = world
+            push = push_force(disturbance, draws, steps * settings.control_dt, before.qpos)
+            sensed = physics.step(np.asarray(states.queue[:, 0], np.float64), active, push)
+            return (steps + 1, sensed), sensed
+
+        sensed = physics.reset(np.repeat(np.asarray(start)[None], count, 0))
+        world, states = (0, sensed), loop.init(sensed, as_float32(commands), draws)
+        for k in range(plans):
+            world, states, sensed = plan_cycle(loop, step, world, states, sensed, loop.acts_per_plan, on_host)
+            active &= ~np.isfinite(np.asarray(states.tally.fall_time))
+            if watch is not None:
+                watch(sensed, states)
+            progress("tracking", k + 1, plans)
+    return columns(states.tally, states.diagnostics.counts)
