@@ -181,8 +181,7 @@ def run(
     Args:
         experiment: or its file.
         directory: the run directory; runs/NAME when None.
-        workers: processes that solve and simulate; none when None, then all work is done in this one. A script that
-            starts workers needs `if __name__ == "__main__":`.
+        workers: processes that solve and simulate; none when None, then all work is done in this one.
         progress: is told how far the work has come.
 
     Raises:
