@@ -73,7 +73,8 @@ def paths(run_dir: pathlib.Path, experiment: Experiment) -> str:
         if solution.status == "solved":
             drawn[f"{label}\n({solution.branch})"] = solution.trajectory
             sentences.append(
-                f"{short}: {solution.duration:.2f} s, {solution.branch}, at least {solution.lower_bound:.2f} s."
+                f"{short}: {solution.duration:.2f} s, route {solution.branch}; no path takes less than "
+                f"{solution.lower_bound:.2f} s."
             )
         else:
             sentences.append(f"The expert found no {short} path: {solution.cause}.")
@@ -151,7 +152,7 @@ def kinematic_test(run_dir: pathlib.Path, experiment: Experiment) -> str:
         html += page.picture(
             save_figure(arrivals_figure(scene, test), figures / "arrivals.png"),
             f"A kinematic robot follows the policy from {len(test.start)} starts that no training has seen: arrival "
-            "time over the expert's from the same start, and how many failed.",
+            "time over the duration of the expert's path from the same start, and how many failed.",
         )
         html += page.picture(
             save_figure(worst_paths_figure(scene, test), figures / "worst_paths.png"),

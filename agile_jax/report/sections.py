@@ -40,10 +40,10 @@ _TRAINING: Words = {
         "",
     ),
     "field_starts": (f"{_TEST}starts that no training has seen", ""),
-    "field_arrived_rate": (f"{_TEST}fraction that arrived", ""),
-    "field_collision_rate": (f"{_TEST}fraction that collided", ""),
-    "field_stall_rate": (f"{_TEST}fraction that stalled", ""),
-    "field_timeout_rate": (f"{_TEST}fraction that ran out of time", ""),
+    "field_arrived_rate": (f"{_TEST}starts that arrived", "%"),
+    "field_collision_rate": (f"{_TEST}starts that collided", "%"),
+    "field_stall_rate": (f"{_TEST}starts that stalled", "%"),
+    "field_timeout_rate": (f"{_TEST}starts that ran out of time", "%"),
     "field_final_error_m_max": (f"{_TEST}largest distance to the target at the end", "m"),
     "field_time_ratio_median": (f"{_TEST}arrival time over the duration of the expert's path, median", ""),
     "field_time_ratio_p95": (f"{_TEST}the same, 95th percentile", ""),
@@ -58,9 +58,9 @@ _TRAINING: Words = {
 }
 _EVALUATION: Words = {
     "episodes": ("episodes", ""),
-    "success_rate": ("success rate", ""),
-    "success_rate_low": ("lower end of its 95 % Wilson interval", ""),
-    "success_rate_high": ("upper end of its 95 % Wilson interval", ""),
+    "success_rate": ("success rate", "%"),
+    "success_rate_low": ("lower end of its 95 % Wilson interval", "%"),
+    "success_rate_high": ("upper end of its 95 % Wilson interval", "%"),
     "arrival_time_ratio_same_tolerance_median": ("arrival time over that of the expert's path, median", ""),
     "arrival_time_ratio_same_tolerance_p95": ("arrival time over that of the expert's path, 95th percentile", ""),
     "arrival_time_ratio_median": ("arrival time over the duration of the expert's whole path, median", ""),
@@ -69,7 +69,7 @@ _EVALUATION: Words = {
     "cost_of_transport_quantiles": ("cost of transport, 5 %, 50 %, 95 %", ""),
     "final_error_m_median": ("final distance to the target in the plane, median", "m"),
     "velocity_tracking_rmse": ("error of the trunk's velocity in the plane, root mean square", "m/s"),
-    "torque_saturation_fraction": ("torques at their limit, fraction", ""),
+    "torque_saturation_fraction": ("torques at their limit", "%"),
     "mpc_solutions": ("MPC problems", ""),
     "mpc_failures": ("MPC problems not solved", ""),
     "cone_violations": ("plans with a force outside its friction cone", ""),
@@ -100,8 +100,14 @@ def percent(value: object) -> str:
 
 
 def _named(summary: Summary, names: Words, squared_error: str = "") -> str:
-    units = {"MSE": squared_error}
-    known = [(names[key][0], summary[key], units.get(names[key][1], names[key][1])) for key in names if key in summary]
+    known = []
+    for key in names:
+        words, unit = names[key]
+        value = summary.get(key)
+        if unit == "%" and isinstance(value, int | float):
+            value = round(100 * value, 2)
+        if key in summary:
+            known.append((words, value, squared_error if unit == "MSE" else unit))
     others = [(key, value, "") for key, value in sorted(summary.items()) if key not in names]
     extra = ""
     if others:
@@ -119,10 +125,10 @@ def overview(
         label = f"success, {backend}, {result.get('episodes', '–')} starts (95 %: {interval})"
         entries.append((percent(result.get("success_rate")), label))
         if SAME_TOLERANCE in result:
-            entries.append((_short(result[SAME_TOLERANCE]), f"arrival time over the expert's, {backend}, median"))
+            entries.append((_ratio(result[SAME_TOLERANCE]), f"arrival time over the expert's, {backend}, median"))
         else:
             words = f"arrival time over the duration of the expert's whole path, {backend}, median"
-            entries.append((_short(result.get(WHOLE_PATH)), words))
+            entries.append((_ratio(result.get(WHOLE_PATH)), words))
     if training:
         floor = _short(training.get("noise_floor_mse"))
         entries.append((_short(training.get("validation_mse")), f"validation error (noise floor {floor})"))
@@ -131,6 +137,10 @@ def overview(
     words = "".join(paragraph(text) for text in (definitions.success(), definitions.ARRIVAL) if evaluations)
     words += paragraph(definitions.obstacles(scene)) if scene.obstacles else ""
     return (cards(entries) if entries else paragraph("No stage of this run has finished yet.")) + words
+
+
+def _ratio(value: object) -> str:
+    return f"{value:.3f}" if isinstance(value, int | float) else "–"
 
 
 def _short(value: object) -> str:

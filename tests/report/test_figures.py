@@ -147,11 +147,19 @@ def test_qualities_are_those_of_the_columns(tmp_path, picture):
     np.savez(tmp_path / "some.npz", **columns)
     read = qualities(load_columns(tmp_path / "some.npz"), mass=10.0)
     found = {quality.label: quality.values for quality in read}
-    assert list(found) == ["arrival time over the expert's", "least clearance of the robot [mm]", "cost of transport"]
-    np.testing.assert_allclose(found["arrival time over the expert's"], [0.8, 1.0])
+    assert list(found) == [
+        "arrival time over the\nduration of the expert's path",
+        "least clearance of the robot [mm]",
+        "cost of transport",
+    ]
+    np.testing.assert_allclose(found["arrival time over the\nduration of the expert's path"], [0.8, 1.0])
     np.testing.assert_allclose(found["least clearance of the robot [mm]"], [10.0, -1.0])
     np.testing.assert_allclose(found["cost of transport"], [5.0, 0.0])
     assert_shows_something(picture(qualities_figure(read)))
+    columns["expert_arrival_time"] = np.array([2.0, 2.4, 3.0])  # the same tolerance for both
+    same = qualities({name: values.astype(float) for name, values in columns.items()}, mass=10.0)[0]
+    assert same.label == "arrival time over the expert's"
+    np.testing.assert_allclose(same.values, [1.0, 1.25])
     assert qualities({}, mass=10.0) == []
 
 
@@ -234,6 +242,10 @@ def test_kinematic_test_figures_show_failures_and_worst_paths(tmp_path, picture,
     np.testing.assert_allclose(found.ratio[:58], 3.1 / 3)
     assert_shows_something(picture(arrivals_figure(scene, found)))
     assert_shows_something(picture(worst_paths_figure(scene, found)))
+    above = worst_paths_figure(scene, found).axes[0]
+    for drawn, limits in ((found.worst_poses[..., 0], above.get_xlim()), (found.worst_poses[..., 1], above.get_ylim())):
+        assert limits[0] < drawn.min()  # nothing is cut off
+        assert drawn.max() < limits[1]
     errors = generator.random(60) * 1e-3
     assert_shows_something(picture(error_map_figure(scene, starts, errors)))
 

@@ -125,7 +125,7 @@ def test_the_headline_compares_arrivals_at_the_same_tolerance(run_dir, inputs):
     summary |= {"arrival_time_ratio_median": 0.896, "arrival_time_ratio_same_tolerance_median": 1.005}
     (run_dir / "evaluation/mujoco.json").write_text(json.dumps(summary))
     content = write_report(without_video(inputs), run_dir).read_text()
-    assert "<b>1</b><span>arrival time over the expert&#x27;s, mujoco, median</span>" in content
+    assert "<b>1.005</b><span>arrival time over the expert&#x27;s, mujoco, median</span>" in content
     assert "<b>0.896</b>" not in content
     assert "arrival time over the duration of the expert&#x27;s whole path, median</td><td>0.896" in content
 

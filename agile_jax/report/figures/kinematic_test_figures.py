@@ -26,6 +26,7 @@ from agile_jax.training.kinematic_test.follow import ARRIVED, OUTCOMES
 
 FAILED_LOOKS = {"collided": (RED, "X"), "stalled": (ORANGE, "v"), "timeout": (PURPLE, "s")}
 CELLS = 60  # hexagons across an error map
+ROOM = 0.3  # [m] around all that is drawn
 _VIEWS: tuple[View, View] = ("above", "side")
 _TAILS = (0.01, 0.99)  # quantiles between which colours tell values apart
 Range: TypeAlias = tuple[float, float]
@@ -77,16 +78,13 @@ def draw_arrival_times(ax: Axes, test: KinematicTest) -> Axes:
 
 def worst_paths_figure(scene: Scene, test: KinematicTest) -> Figure:
     """Paths of the runs that failed, came nearest to an obstacle or arrived latest, from above and from the side."""
-    figure = new_figure(7.4, 6.4)
-    panels = figure.subplots(2, 1, sharex=True, height_ratios=[1.7, 1.0])
+    figure, panels = _two_views(scene, test.worst_poses[..., :3].reshape(-1, 3))
     for ax, view in zip(panels, _VIEWS, strict=True):
-        _dress_view(ax, scene, view, alpha=0.35)
         across, up = VIEW_AXES[view]
         for row, poses in zip(test.worst, test.worst_poses, strict=True):
             color = FAILED_LOOKS.get(OUTCOMES[int(test.outcome[row])], (BLUE, ""))[0]
             ax.plot(poses[:, across], poses[:, up], color=color, linewidth=0.9, alpha=0.8, zorder=4)
             ax.plot(poses[:1, across], poses[:1, up], "o", color=color, markersize=3, zorder=5)
-    panels[0].set_aspect("equal", adjustable="datalim")
     return figure
 
 
@@ -101,11 +99,9 @@ def error_map_figure(
         errors: mean square over the four outputs.
         unit: of the outputs.
     """
-    figure = new_figure(7.4, 6.4)
-    panels = figure.subplots(2, 1, sharex=True, height_ratios=[1.7, 1.0])
+    figure, panels = _two_views(scene, poses[:, :3])
     low, high = _spread(np.sqrt(errors[errors > 0]))
     for ax, view in zip(panels, _VIEWS, strict=True):
-        _dress_view(ax, scene, view, alpha=0.2)
         across, up = VIEW_AXES[view]
         cells = ax.hexbin(
             poses[:, across],
@@ -117,17 +113,27 @@ def error_map_figure(
             cmap="magma",
             linewidths=0.1,
         )
-    panels[0].set_aspect("equal", adjustable="datalim")
-    color_bar(cells, list(panels), f"root mean square error [{unit}]", "both")
+    color_bar(cells, panels, f"root mean square error [{unit}]", "both")
     return figure
 
 
-def _dress_view(ax: Axes, scene: Scene, view: View, alpha: float) -> None:
-    """Obstacles, target and labels of the upper ("above") or the lower ("side") panel of two that share x."""
-    across, up = VIEW_AXES[view]
-    dress(ax, AXIS_LABELS[across] if view == "side" else "", AXIS_LABELS[up])
-    draw_obstacles(ax, scene, view, alpha)
-    draw_target(ax, scene, view)
+def _two_views(scene: Scene, points: Float[np.ndarray, "n 3"]) -> tuple[Figure, list[Axes]]:
+    """The scene from above, at equal scales, and below it from the side, both wide enough for all points [m]."""
+    cloud = np.concatenate([points, scene.target[None, :3], scene.obstacle_centers])
+    low, high = cloud.min(0) - ROOM, cloud.max(0) + ROOM
+    width = 6.0  # [inch] of the panels
+    above = width * (high[1] - low[1]) / (high[0] - low[0])
+    figure = new_figure(width + 1.5, above + 0.35 * width + 0.7)
+    panels = list(figure.subplots(2, 1, sharex=True, height_ratios=[above, 0.35 * width]))
+    for ax, view in zip(panels, _VIEWS, strict=True):
+        across, up = VIEW_AXES[view]
+        dress(ax, AXIS_LABELS[across] if view == "side" else "", AXIS_LABELS[up])
+        draw_obstacles(ax, scene, view, alpha=0.3)
+        draw_target(ax, scene, view)
+    panels[0].set_xlim(low[0], high[0])
+    panels[0].set_ylim(low[1], high[1])
+    panels[0].set_aspect("equal")
+    return figure, panels
 
 
 def _spread(values: Float[np.ndarray, " n"]) -> Range:
