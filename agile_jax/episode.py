@@ -79,7 +79,7 @@ def load_recording(experiment: Experiment, file: pathlib.Path) -> RecordedEpisod
     Raises:
         BadInput: no such recording.
     """
-    from agile_jax.evaluation.store import load_traces
+    from agile_jax.evaluation.traces import load_traces
 
     trace = load_traces(file)[0]
     finite = np.isfinite(trace.qpos).all(-1) & np.isfinite(trace.qvel).all(-1)

@@ -12,14 +12,13 @@ from typing import Any, NamedTuple
 
 from agile_jax.engine import Engine, check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
-from agile_jax.files import check_folder, remove_torn
+from agile_jax.files import check_folder, read_json, remove_torn
 from agile_jax.progress import Progress, silent, within
 from agile_jax.report import mark_outdated
 from agile_jax.run_directory import (
     State,
     locked,
     move_aside,
-    read_json,
     refuse_other_settings,
     stage_paths,
     stage_state,
@@ -166,9 +165,9 @@ def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEn
 
 
 def _evaluation(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.evaluation.stage import evaluate
+    from agile_jax.evaluation.stage import stage
 
-    evaluate(experiment, run_dir, open_engine, progress=progress)
+    stage(experiment, run_dir, open_engine, progress)
 
 
 def _report(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:

@@ -7,7 +7,6 @@ folder is refused or moved aside.
 
 import fcntl
 import importlib.metadata
-import json
 import os
 import pathlib
 import platform
@@ -17,7 +16,7 @@ from contextlib import contextmanager
 from typing import Any, Literal, NamedTuple
 
 from agile_jax.experiment import STAGES, Experiment, experiment_hash, stage_hash, stage_settings, to_toml
-from agile_jax.files import sha256, write_atomic, write_json
+from agile_jax.files import read_json, sha256, write_atomic, write_json
 from agile_jax.robot.settings import OWN
 from agile_jax.settings import BadInput
 
@@ -41,15 +40,6 @@ def stage_paths(run_dir: pathlib.Path, experiment: Experiment, stage: str) -> St
         return StagePaths(run_dir / "figures", run_dir / "figures" / "stage.json", run_dir / "report.html")
     folder = run_dir / stage
     return StagePaths(folder, folder / "stage.json", folder / "summary.json")
-
-
-def read_json(path: pathlib.Path) -> dict[str, Any] | None:
-    """A JSON object, or None when the file is missing, torn or something else."""
-    try:
-        value = json.loads(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError, ValueError):
-        return None
-    return value if isinstance(value, dict) else None
 
 
 def record_hash(run_dir: pathlib.Path, experiment: Experiment, stage: str) -> str:
@@ -83,11 +73,11 @@ def refuse_other_settings(run_dir: pathlib.Path, experiment: Experiment, stages:
         if stage_state(run_dir, experiment, stage) != "other settings":
             continue
         paths = stage_paths(run_dir, experiment, stage)
-        record = read_json(paths.record)
-        if record is None or not isinstance(record.get("settings"), dict):
+        there = (read_json(paths.record) or {}).get("settings")
+        if not isinstance(there, dict):
             found = [f"  it has no readable {paths.record.name}, so nothing tells with which settings it was made"]
         else:
-            found = _differences(record["settings"], stage_settings(experiment, stage))
+            found = _differences(there, stage_settings(experiment, stage))
         raise BadInput(
             f"{paths.folder}: was made with other settings:\n"
             + "\n".join(found)

@@ -267,7 +267,7 @@ def test_expert_runs_and_is_reused_and_refused(folder: pathlib.Path, call: Call)
 
 
 def test_rollout_replays_what_an_unstable_episode_left(folder: pathlib.Path, call: Call) -> None:
-    from agile_jax.evaluation.store import save_traces
+    from agile_jax.evaluation.traces import save_traces
     from agile_jax.simulation import Trace
 
     qpos = np.zeros((5, 19))

@@ -201,7 +201,7 @@ def test_all_errors_come_at_once_with_file_key_value_and_advice(write: Write) ->
         ),
         ('name = "../up"', ["name = '../up'", "letters"]),
         ("seed = -1", ["seed = -1"]),
-        ('[sweep]\nmethod = "tpe"\n[sweep.space]\nseed = [1]', ["sweep.method = 'tpe'", "not available yet"]),
+        ('[sweep]\nmethod = "tpe"\n[sweep.space]\nseed = [1]', ["sweep.method = 'tpe'", "'grid' or 'list'"]),
         ("[sweep]\nspace = {}", ["sweep.space"]),
         ("[sweep.space]\nname = ['a']", ["name names the experiment"]),
         ('[sweep]\nmetric = "loss"\n[sweep.space]\nseed = [1]', ["sweep.metric = 'loss'", "training.validation_mse"]),

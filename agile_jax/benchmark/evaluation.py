@@ -25,7 +25,7 @@ import numpy as np
 from agile_jax.benchmark.metrics import Metric, Result, as_json, number, table
 from agile_jax.control import ControllerState
 from agile_jax.engine import TaskFailure, TasksFailedError, open_engine
-from agile_jax.evaluation.backend import Backend, Inputs, command_parameters, make_backend
+from agile_jax.evaluation.backend import Backend, command_parameters, make_backend
 from agile_jax.evaluation.stage import evaluation_starts
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
@@ -117,10 +117,10 @@ def _inputs(experiment: Experiment, backend: str, batch: int) -> Experiment:
     return experiment.model_copy(update={"evaluation": settings})
 
 
-def _workers_speed(inputs: Experiment, run_dir: pathlib.Path, batch: int) -> tuple[float, int]:
+def _workers_speed(experiment: Experiment, run_dir: pathlib.Path, batch: int) -> tuple[float, int]:
     """Of all workers together, and their number."""
     with open_engine() as engine:
-        tasks = [(inputs, run_dir.resolve(), batch)] * engine.workers
+        tasks = [(experiment, run_dir.resolve(), batch)] * engine.workers
         results = [result for _, result in engine.map(_worker_speed, tasks)]
     speeds = [result for result in results if not isinstance(result, TaskFailure)]
     for failure in results:
@@ -129,28 +129,28 @@ def _workers_speed(inputs: Experiment, run_dir: pathlib.Path, batch: int) -> tup
     return sum(speeds), len(speeds)
 
 
-def _worker_speed(task: tuple[Inputs, pathlib.Path, int]) -> float:
+def _worker_speed(task: tuple[Experiment, pathlib.Path, int]) -> float:
     """Of one worker. Runs there."""
-    inputs, run_dir, batch = task
-    _, simulated, repeat = _prepare(inputs, run_dir, batch, 1)
+    experiment, run_dir, batch = task
+    _, simulated, repeat = _prepare(experiment, run_dir, batch, 1)
     return batch * simulated / float(np.median([repeat() for _ in range(WORKER_REPETITIONS)]))
 
 
-def _measure(inputs: Inputs, run_dir: pathlib.Path, batch: int, threads: int) -> tuple[float, Parts | None]:
-    backend, simulated, repeat = _prepare(inputs, run_dir, batch, threads)
+def _measure(experiment: Experiment, run_dir: pathlib.Path, batch: int, threads: int) -> tuple[float, Parts | None]:
+    backend, simulated, repeat = _prepare(experiment, run_dir, batch, threads)
     slots = backend.slots
     speed = batch * simulated / min(repeat() for _ in range(REPETITIONS))
     if isinstance(slots, MjxSlots):
         return speed, None
-    return speed, _parts(inputs, slots, backend.qpos(evaluation_starts(inputs)), threads)
+    return speed, _parts(experiment, slots, backend.qpos(evaluation_starts(experiment)), threads)
 
 
 def _prepare(
-    inputs: Inputs, run_dir: pathlib.Path, batch: int, threads: int
+    experiment: Experiment, run_dir: pathlib.Path, batch: int, threads: int
 ) -> tuple[Backend, float, Callable[[], float]]:
     """The compiled loop, what a repetition simulates of each robot [s], and a repetition, which gives its time [s]."""
-    backend = make_backend(inputs, command_parameters(inputs, run_dir / "training"), batch, threads)
-    qpos = backend.qpos(evaluation_starts(inputs))
+    backend = make_backend(experiment, command_parameters(experiment, run_dir / "training"), batch, threads)
+    qpos = backend.qpos(evaluation_starts(experiment))
     slots, everyone, limits = backend.slots, np.arange(batch), np.full(batch, ENDLESS)
     segment = backend.plan_dt if isinstance(slots, MujocoSlots) else backend.plan_dt * slots.plans_per_advance
     advances = max(1, round(SIMULATED / segment))
@@ -192,10 +192,10 @@ class _Timed:
         return world, sensed
 
 
-def _parts(inputs: Inputs, slots: MujocoSlots[ControllerState], qpos: np.ndarray, threads: int) -> Parts:
+def _parts(experiment: Experiment, slots: MujocoSlots[ControllerState], qpos: np.ndarray, threads: int) -> Parts:
     """The time of each part of the loop: the fastest of the repetitions."""
     acts = slots.loop.acts_per_plan
-    plans = max(1, round(SIMULATED / (acts * inputs.control.control_dt)))
+    plans = max(1, round(SIMULATED / (acts * experiment.control.control_dt)))
     runs = []
     for _ in range(REPETITIONS):
         timed = _Timed(slots)
@@ -205,7 +205,7 @@ def _parts(inputs: Inputs, slots: MujocoSlots[ControllerState], qpos: np.ndarray
             _, episodes, sensed = plan_cycle(timed, timed.step, None, episodes, sensed, acts, on_host)
         runs.append(timed)
 
-    model = build_mujoco_model(make_scene(inputs.scene), inputs.robot, inputs.control.control_dt)
+    model = build_mujoco_model(make_scene(experiment.scene), experiment.robot, experiment.control.control_dt)
     state = np.zeros((len(qpos), 1 + model.nq + model.nv))
     state[:, 1 : 1 + model.nq] = qpos
     torques = np.nan_to_num(np.stack(runs[-1].torques, 1))

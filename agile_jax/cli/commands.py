@@ -163,14 +163,15 @@ def export(argv: list[str]) -> int:
 def compare(argv: list[str]) -> int:
     """`agile compare`: two evaluations from the same starts."""
     if {"-h", "--help"} & set(argv):
-        print("usage: agile compare RUN_DIR RUN_DIR [mujoco|mjx]\n")
+        print("usage: agile compare RUN_DIR[:NAME] RUN_DIR[:NAME] [mujoco|mjx]\n")
         print("Pair the episodes of two evaluations from the same starts: McNemar's exact test, arrival times.")
+        print("NAME picks one of a run's evaluations: its evaluation.name, or the beginning of its key.")
         return DONE
     if not 2 <= len(argv) <= 3:
-        raise BadInput("which two runs? usage: agile compare RUN_DIR RUN_DIR [mujoco|mjx]")
+        raise BadInput("which two evaluations? usage: agile compare RUN_DIR[:NAME] RUN_DIR[:NAME] [mujoco|mjx]")
     from agile_jax.evaluation import compare as pair
 
-    for key, value in pair(pathlib.Path(argv[0]), pathlib.Path(argv[1]), *argv[2:]).items():
+    for key, value in pair(*argv).items():
         text = "-".join(f"{end:.4g}" for end in value) if isinstance(value, list) else number(value)
         print(f"{key:<28}{text}")
     return DONE

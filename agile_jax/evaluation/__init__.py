@@ -9,14 +9,12 @@ if TYPE_CHECKING:
     from agile_jax.evaluation.backend import check_devices
     from agile_jax.evaluation.comparison import compare
     from agile_jax.evaluation.single import rollout_one
-    from agile_jax.evaluation.stage import evaluate
     from agile_jax.evaluation.statistics import mcnemar_p_value, wilson_interval
 
 __all__ = [
     "EvaluationSettings",
     "check_devices",
     "compare",
-    "evaluate",
     "mcnemar_p_value",
     "rollout_one",
     "wilson_interval",
@@ -27,7 +25,6 @@ __getattr__ = lazy_names(
     {
         "backend": "check_devices",
         "comparison": "compare",
-        "stage": "evaluate",
         "single": "rollout_one",
         "statistics": "mcnemar_p_value wilson_interval",
     },

@@ -2,22 +2,22 @@
 
 import pathlib
 import time
-from collections.abc import Callable
-from typing import Any, NamedTuple, Protocol
+from dataclasses import dataclass
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float, PyTree
 
-from agile_jax.control import ControllerState, ControlSettings, make_controller
+from agile_jax.control import ControllerState, make_controller
 from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
-from agile_jax.expert import ExpertSettings
+from agile_jax.experiment import Experiment
 from agile_jax.geometry import wrap_angle
-from agile_jax.policy import PolicySettings, make_policy
+from agile_jax.policy import make_policy
 from agile_jax.policy.braking import braking_law
-from agile_jax.robot import RobotSettings, build_mujoco_model, collision_shapes, load_robot, standing_qpos
-from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene, planar_scene
+from agile_jax.robot import RobotModel, build_mujoco_model, collision_shapes, load_robot, standing_qpos
+from agile_jax.scene import POSE_SIZE, Scene, make_scene, planar_scene
 from agile_jax.settings import BadInput
 from agile_jax.simulation import (
     ClosedLoop,
@@ -35,86 +35,93 @@ from agile_jax.simulation import (
 )
 from agile_jax.training import load_policy
 
-
-class Inputs(Protocol):
-    """The settings that an evaluation reads; an Experiment has them."""
-
-    @property
-    def seed(self) -> int: ...  # noqa: D102
-    @property
-    def scene(self) -> SceneSettings: ...  # noqa: D102
-    @property
-    def expert(self) -> ExpertSettings: ...  # noqa: D102
-    @property
-    def policy(self) -> PolicySettings: ...  # noqa: D102
-    @property
-    def robot(self) -> RobotSettings: ...  # noqa: D102
-    @property
-    def control(self) -> ControlSettings: ...  # noqa: D102
-    @property
-    def evaluation(self) -> EvaluationSettings: ...  # noqa: D102
+QUERIES = 200  # of which the median time is taken
 
 
-class Backend(NamedTuple):
-    """What simulates episodes."""
+@dataclass(frozen=True)
+class Backend:
+    """What simulates episodes: robot, controller and what guides it, on some physics.
+
+    Attributes:
+        slots: where the episodes run.
+        robot: constants.
+        device: that computes, for the summary.
+        plan_dt: between two samples of a trace [s].
+        guidance: what the controller follows.
+        parameters: of the guidance.
+        planner: the expert that plans while the episodes run, or None.
+        target: pose [m, rad].
+    """
 
     slots: MujocoSlots[ControllerState] | MjxSlots[ControllerState]
-    qpos: Callable[[np.ndarray], np.ndarray]  # starts (n, 4) -> initial configurations (n, nq)
+    robot: RobotModel
     device: str
-    plan_dt: float  # between two samples of a trace [s]
-    query_seconds: Callable[
-        [], float
-    ]  # median time of one query of the planner, as the loop asks: all slots at once [s]
+    plan_dt: float
+    guidance: Guidance
+    parameters: PyTree
+    planner: ExpertPlanner | None
+    target: Float[np.ndarray, "4"]
+
+    def qpos(self, starts: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 19"]:
+        """The coordinates of the robot that stands at poses [m, rad]."""
+        return np.asarray(jax.vmap(lambda start: standing_qpos(self.robot, start))(np.asarray(starts, np.float32)))
+
+    def query_seconds(self) -> float:
+        """The median time of one query of the guidance, as the loop asks: for all slots at once [s]."""
+        if self.planner is not None:
+            return float(np.median(self.planner.solve_times))
+        still, now = jnp.zeros(POSE_SIZE), jnp.float32(0.0)
+        ask = jax.jit(
+            jax.vmap(lambda pose: self.guidance(self.parameters, None, pose, still, now, jnp.float32(self.plan_dt)))
+        )
+        poses = np.tile(np.float32(self.target), (self.slots.count, 1))
+        ask(poses).block_until_ready()
+        seconds = []
+        for _ in range(QUERIES):
+            begun = time.perf_counter()
+            ask(poses).block_until_ready()
+            seconds.append(time.perf_counter() - begun)
+        return float(np.median(seconds)) / self.slots.count
 
 
-def command_parameters(inputs: Inputs, training_directory: pathlib.Path) -> Any:
+def command_parameters(experiment: Experiment, training_directory: pathlib.Path) -> PyTree:
     """The parameters of what the controller follows: those of the policy, from its checkpoints, or none."""
-    if inputs.evaluation.planner != "policy":
+    if experiment.evaluation.planner != "policy":
         return ()
-    scene, limits = make_scene(inputs.scene), inputs.expert.limits
-    return load_policy(training_directory, scene, limits, inputs.policy).parameters
+    scene, limits = make_scene(experiment.scene), experiment.expert.limits
+    return load_policy(training_directory, scene, limits, experiment.policy).parameters
 
 
-def make_backend(inputs: Inputs, parameters: Any, slots: int, threads: int) -> Backend:
-    """Build the closed loop on the physics that `inputs.evaluation.backend` names.
+def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads: int) -> Backend:
+    """Build the closed loop on the physics that `evaluation.backend` names.
 
     Args:
-        inputs: settings.
+        experiment: settings.
         parameters: from `command_parameters`.
         slots: episodes at once.
         threads: of the C physics.
+
+    Raises:
+        BadInput: the devices are not there, or MJX cannot simulate the robot in this scene.
     """
-    scene = make_scene(inputs.scene)
-    acceleration_limit = np.array(inputs.expert.acceleration)
-    guidance = _guidance(inputs, scene)
-    robot = load_robot(inputs.robot)
-    model = build_mujoco_model(scene, inputs.robot, inputs.control.control_dt)
-    shapes = collision_shapes(model)
-    controller = make_controller(robot, inputs.control)
-    loop = ClosedLoop(scene, robot, shapes, inputs.control, guidance, acceleration_limit, controller)
-
-    def qpos(starts: np.ndarray) -> np.ndarray:
-        return np.asarray(jax.vmap(lambda start: standing_qpos(robot, start))(np.asarray(starts, np.float32)))
-
-    planner = _planner(inputs, scene, slots)
-
-    def query_seconds() -> float:
-        if planner is not None:
-            return float(np.median(planner.solve_times))
-        still, now = jnp.zeros(POSE_SIZE), jnp.float32(0.0)
-        query = jax.jit(jax.vmap(lambda pose: guidance(parameters, None, pose, still, now, inputs.control.plan_dt)))
-        return _median_latency(query, np.tile(np.float32(scene.target), (slots, 1))) / slots
-
-    plan_dt = inputs.control.plan_dt
-    if inputs.evaluation.backend != "mujoco":
-        devices = check_devices(inputs.evaluation)
-        implementation: Implementation = "warp" if inputs.evaluation.backend == "mjx-warp" else "jax"
-        on_device = MjxSlots(
-            mjx_loop(loop, mjx_init(model, implementation, -(-slots // devices)), devices), slots, parameters
+    settings, control, scene = experiment.evaluation, experiment.control, make_scene(experiment.scene)
+    guidance, planner = _guidance(experiment, scene), _planner(experiment, scene, slots)
+    robot = load_robot(experiment.robot)
+    model = build_mujoco_model(scene, experiment.robot, control.control_dt)
+    controller, limit = make_controller(robot, control), np.array(experiment.expert.acceleration)
+    loop = ClosedLoop(scene, robot, collision_shapes(model), control, guidance, limit, controller)
+    running: MujocoSlots[ControllerState] | MjxSlots[ControllerState]
+    if settings.backend == "mujoco":
+        running, device = (
+            MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters, planner),
+            "cpu",
         )
-        return Backend(on_device, qpos, str(jax.devices()[0].device_kind), plan_dt, query_seconds)
-    in_threads = MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters, planner)
-    return Backend(in_threads, qpos, "cpu", plan_dt, query_seconds)
+    else:
+        devices = check_devices(settings)
+        implementation: Implementation = "warp" if settings.backend == "mjx-warp" else "jax"
+        initial = mjx_init(model, implementation, -(-slots // devices))
+        running, device = MjxSlots(mjx_loop(loop, initial, devices), slots, parameters), jax.devices()[0].device_kind
+    return Backend(running, robot, str(device), control.plan_dt, guidance, parameters, planner, scene.target)
 
 
 def check_devices(settings: EvaluationSettings) -> int:
@@ -131,37 +138,30 @@ def check_devices(settings: EvaluationSettings) -> int:
     return settings.devices
 
 
-def _guidance(inputs: Inputs, scene: Scene) -> Guidance:
+def _guidance(experiment: Experiment, scene: Scene) -> Guidance:
     """What the reference follows."""
-    if inputs.evaluation.planner == "policy":
-        return policy_guidance(make_policy(scene, inputs.expert.limits, inputs.policy).command)
-    if inputs.evaluation.planner != "straight":
+    limits, policy = experiment.expert.limits, experiment.policy
+    if experiment.evaluation.planner == "policy":
+        return policy_guidance(make_policy(scene, limits, policy).command)
+    if experiment.evaluation.planner != "straight":
         return path_guidance
-    limits, rate = inputs.expert.limits, inputs.policy.approach_rate
 
-    def straight(_: Any, pose: jax.Array, velocity: jax.Array, dt: float) -> jax.Array:
+    def straight(
+        _: PyTree, pose: Float[Array, "4"], velocity: Float[Array, "4"], dt: float | Float[Array, ""]
+    ) -> Float[Array, "4"]:
         error = pose + velocity * dt - jnp.asarray(scene.target, jnp.float32)
         error = error.at[3].set(wrap_angle(error[3], jnp))
-        return braking_law(error, limits, rate).velocity
+        return braking_law(error, limits, policy.approach_rate).velocity
 
     return policy_guidance(straight)
 
 
-def _planner(inputs: Inputs, scene: Scene, slots: int) -> ExpertPlanner | None:
-    kind, settings = inputs.evaluation.planner, inputs.expert
-    if kind in ("policy", "straight"):
+def _planner(experiment: Experiment, scene: Scene, slots: int) -> ExpertPlanner | None:
+    """The expert for the planners that ask it while the episodes run."""
+    evaluation, expert = experiment.evaluation, experiment.expert
+    if evaluation.planner in ("policy", "straight"):
         return None
-    if kind == "open_loop_2d":
-        settings, scene = settings.model_copy(update={"dimensions": "2d"}), planar_scene(scene)
-    return ExpertPlanner(scene, settings, slots, inputs.evaluation.replan_interval if kind == "replan" else None)
-
-
-def _median_latency(query: Callable[[np.ndarray], Any], poses: np.ndarray) -> float:
-    """Of a call [s]."""
-    query(poses).block_until_ready()
-    seconds = []
-    for _ in range(200):
-        begun = time.perf_counter()
-        query(poses).block_until_ready()
-        seconds.append(time.perf_counter() - begun)
-    return float(np.median(seconds))
+    if evaluation.planner == "open_loop_2d":
+        expert, scene = expert.model_copy(update={"dimensions": "2d"}), planar_scene(scene)
+    interval = evaluation.replan_interval if evaluation.planner == "replan" else None
+    return ExpertPlanner(scene, expert, slots, interval)

@@ -1,7 +1,10 @@
 """Where and how episodes failed: outcomes by region of the starts, and the distributions behind the medians."""
 
 import numpy as np
+from jaxtyping import Float, Int
 
+from agile_jax.evaluation.kept import Columns
+from agile_jax.evaluation.summary import arrival_ratios
 from agile_jax.robot import GRAVITY
 from agile_jax.simulation import OUTCOME_NAMES
 
@@ -9,12 +12,12 @@ QUANTILES = (0.05, 0.5, 0.95)
 NEAR_M = 0.3  # a start nearer to an obstacle than this is near [m]
 
 
-def outcomes_by_region(columns: dict[str, np.ndarray], start_clearance: np.ndarray) -> dict[str, dict[str, int]]:
+def outcomes_by_region(columns: Columns, start_clearance: Float[np.ndarray, " n"]) -> dict[str, dict[str, int]]:
     """Counts of outcomes by the route that the expert takes from the start, and by its distance to an obstacle.
 
     Args:
         columns: one entry per episode; `branch` is the route's name where the expert has one.
-        start_clearance: of the torso's envelope at the starts, shape (n,) [m].
+        start_clearance: of the torso's envelope at the starts [m].
     """
     solved = np.isfinite(columns["expert_time"])
     branches = np.where(solved, columns["branch"], "no path")
@@ -24,11 +27,11 @@ def outcomes_by_region(columns: dict[str, np.ndarray], start_clearance: np.ndarr
     return {name: _counts(columns["outcome"][chosen]) for name, chosen in regions.items() if chosen.any()}
 
 
-def _counts(outcome: np.ndarray) -> dict[str, int]:
+def _counts(outcome: Int[np.ndarray, " n"]) -> dict[str, int]:
     return {name: int((outcome == code).sum()) for code, name in enumerate(OUTCOME_NAMES)}
 
 
-def distributions(columns: dict[str, np.ndarray], mass: float) -> dict[str, list[float] | None]:
+def distributions(columns: Columns, mass: float) -> dict[str, list[float] | None]:
     """5 %, 50 % and 95 % quantiles over the episodes, None where there is no value.
 
     The cost of transport is the positive mechanical work of the joints over weight times distance.
@@ -37,9 +40,10 @@ def distributions(columns: dict[str, np.ndarray], mass: float) -> dict[str, list
         columns: one entry per episode.
         mass: of the robot [kg].
     """
-    ratio = np.where(columns["success"], columns["arrival_time"] / columns["expert_time"], np.nan)
+    same_tolerance, ratio = arrival_ratios(columns)
     moved = np.where(columns["distance"] > 0.1, columns["distance"], np.nan)
     values = {
+        "arrival_time_ratio_same_tolerance_quantiles": same_tolerance,
         "arrival_time_ratio_quantiles": ratio,
         "min_clearance_m_quantiles": columns["min_clearance"],
         "min_envelope_clearance_m_quantiles": columns["min_envelope_clearance"],
@@ -50,6 +54,6 @@ def distributions(columns: dict[str, np.ndarray], mass: float) -> dict[str, list
     return {name: _quantiles(np.asarray(value, float)) for name, value in values.items()}
 
 
-def _quantiles(values: np.ndarray) -> list[float] | None:
+def _quantiles(values: Float[np.ndarray, " n"]) -> list[float] | None:
     values = values[np.isfinite(values)]
     return [float(q) for q in np.quantile(values, QUANTILES)] if len(values) else None

@@ -1,23 +1,23 @@
 """Two evaluations from the same starts, compared episode by episode."""
 
 import pathlib
-import zipfile
-from typing import Any
 
 import numpy as np
 
+from agile_jax.evaluation.kept import Columns, find_evaluation
 from agile_jax.evaluation.statistics import mcnemar_p_value, wilson_interval
 from agile_jax.settings import BadInput
+from agile_jax.store.npz import NpzError, read_npz
 
 NEEDED = ("start", "success", "arrival_time", "min_clearance")
 
 
-def compare(first: pathlib.Path, second: pathlib.Path, backend: str = "mujoco") -> dict[str, Any]:
-    """Pair the episodes of two run directories.
+def compare(first: pathlib.Path | str, second: pathlib.Path | str, backend: str = "mujoco") -> dict[str, object]:
+    """Pair the episodes of two evaluations.
 
     Args:
-        first, second: run directories with `evaluation/<backend>.npz`.
-        backend: of the evaluations.
+        first, second: RUN_DIR, or RUN_DIR:NAME for one of several evaluations of a run (kept.find_evaluation).
+        backend: of the evaluations of a RUN_DIR without a name.
 
     Returns:
         Success rates with Wilson intervals, the four counts of pairs, McNemar's exact p-value, and over the starts from
@@ -54,14 +54,15 @@ def compare(first: pathlib.Path, second: pathlib.Path, backend: str = "mujoco") 
     }
 
 
-def _load(run_dir: pathlib.Path, backend: str) -> dict[str, np.ndarray]:
-    path = run_dir / "evaluation" / f"{backend}.npz"
+def _load(which: pathlib.Path | str, backend: str) -> Columns:
+    path = find_evaluation(which, backend)
+    if not path.is_file():
+        raise BadInput(f"{path}: there is no such evaluation; `agile evaluate` makes it")
     try:
-        with np.load(path, allow_pickle=False) as file:
-            return {name: np.asarray(file[name]) for name in NEEDED}
-    except FileNotFoundError as error:
-        raise BadInput(f"{path}: there is no such evaluation; `agile evaluate` makes it") from error
-    except KeyError as error:
-        raise BadInput(f"{path}: the array {error.args[0]} is missing") from error
-    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
-        raise BadInput(f"{path}: cannot be read ({error})") from error
+        columns = read_npz(path)
+    except NpzError as error:
+        raise BadInput(f"{path}: {error}") from error
+    for name in NEEDED:
+        if name not in columns:
+            raise BadInput(f"{path}: the array {name} is missing")
+    return {name: columns[name] for name in NEEDED}

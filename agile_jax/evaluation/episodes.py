@@ -1,99 +1,164 @@
 """Episodes as rows of columns, simulated in this process, or by parts in the workers of an engine."""
 
+import time
 from collections.abc import Iterator
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import jax
 import numpy as np
+from jaxtyping import Float, Int, PyTree
 
-from agile_jax.evaluation.backend import Backend, Inputs, make_backend
-from agile_jax.evaluation.store import Columns
+from agile_jax.engine import Engine, TaskFailure, TasksFailedError
+from agile_jax.evaluation.backend import Backend, make_backend
+from agile_jax.evaluation.kept import Columns, KeptEvaluation, joined
+from agile_jax.experiment import Experiment
+from agile_jax.progress import Progress
 from agile_jax.scene import make_scene
 from agile_jax.simulation import SUCCESS, UNSTABLE, LastStates, Recorder, Rollout, Trace, stream
+from agile_jax.store.parts import OpenEngine
 
+FILE = 64  # episodes a file, at least
+LONGEST_PART = 512  # episodes that a worker simulates as one stream
+PARTS_A_WORKER = 4  # at least, where there are enough episodes: workers end at about the same time
 PART_TIME_LIMIT_S = 3600.0  # after which a part counts as hung: a hundred times what it takes on one core
 
 
-class Part(NamedTuple):
-    """Episodes for a worker."""
+class Work(NamedTuple):
+    """Episodes to simulate."""
 
-    identity: str  # of the evaluation
-    inputs: Inputs
-    parameters: Any  # of what the controller follows, NumPy
-    starts: np.ndarray  # (n, 4)
-    limits: np.ndarray  # (n,) [s]
+    key: str  # of the evaluation
+    experiment: Experiment
+    parameters: PyTree  # of what the controller follows
+    episodes: Int[np.ndarray, " n"]  # their numbers, increasing
+    starts: Float[np.ndarray, "n 4"]  # [m, rad]
+    limits: Float[np.ndarray, " n"]  # of time [s]
     traced: int  # the first of them are recorded
+
+    def part(self, rows: slice) -> "Work":
+        """Some of the episodes; `rows` has no negative numbers."""
+        return self._replace(
+            episodes=self.episodes[rows],
+            starts=self.starts[rows],
+            limits=self.limits[rows],
+            traced=max(0, self.traced - rows.start),
+        )
+
+
+class Ended(NamedTuple):
+    """An episode that has ended."""
+
+    row: Columns  # of length 1
+    last_second: Trace | None  # when it ended unstable
 
 
 class PartResult(NamedTuple):
-    """What became of them."""
+    """What became of a part's episodes."""
 
-    columns: Columns
-    traces: list[Trace]
-    unstable: dict[int, Trace]  # the last second, by position
-    device: str
-    query_seconds: float
+    rows: Columns
+    traces: dict[int, Trace]  # by the episode's number
+    unstable: dict[int, Trace]
 
 
-def simulate(
-    backend: Backend, inputs: Inputs, starts: np.ndarray, limits: np.ndarray, recorder: Recorder
-) -> Iterator[list[tuple[int, Columns, Trace | None]]]:
-    """Run episodes and yield those that have just ended.
-
-    Args:
-        backend: where they run.
-        inputs: for the scene.
-        starts: poses, shape (n, 4).
-        limits: shape (n,) [s].
-        recorder: of the backend's slots.
-
-    Yields:
-        Of each ended episode its index, its row of columns and, if it ended unstable, its last second.
-    """
-    scene = make_scene(inputs.scene)
+def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[list[Ended]]:
+    """Run episodes and yield those that have just ended."""
+    scene = make_scene(work.experiment.scene)
     last = LastStates(backend.slots)
 
     def watch(holds: np.ndarray) -> None:
         recorder(holds)
         last(holds)
 
-    for indices, rollout in stream(backend.slots, backend.qpos(starts), limits, watch):
-        ended: list[tuple[int, Columns, Trace | None]] = []
-        for episode, row in zip(indices.tolist(), _rows(rollout), strict=True):
-            trace = None
-            if row["outcome"][0] == UNSTABLE:
-                trace = last.trace(episode, float(row["end_time"][0]), scene, backend.plan_dt)
-            ended.append((episode, row, trace))
+    for indices, rollout in stream(backend.slots, backend.qpos(work.starts), work.limits, watch):
+        columns = {"episode": work.episodes[indices], **episode_columns(rollout)}
+        ended = []
+        for i, index in enumerate(indices.tolist()):
+            row = {name: values[i : i + 1] for name, values in columns.items()}
+            unstable = row["outcome"][0] == UNSTABLE
+            trace = last.trace(index, float(row["end_time"][0]), scene, backend.plan_dt) if unstable else None
+            ended.append(Ended(row, trace))
         yield ended
+
+
+def simulate_here(work: Work, kept: KeptEvaluation, threads: int, progress: Progress) -> None:
+    """Simulate in this process and keep what has ended, file by file."""
+    count, there = len(work.episodes), work.experiment.evaluation.episodes - len(work.episodes)
+    backend = make_backend(work.experiment, work.parameters, min(work.experiment.evaluation.batch, count), threads)
+    recorder = Recorder(backend.slots, work.traced)
+    recorded = set(work.episodes[: work.traced].tolist())
+    waiting: list[Columns] = []
+    done, begun = 0, time.perf_counter()
+    for ended in simulate(backend, work, recorder):
+        for one in ended:
+            episode = int(one.row["episode"][0])
+            recorded.discard(episode)
+            waiting.append(one.row)
+            if one.last_second is not None:
+                kept.add_unstable(episode, one.last_second)
+        done += len(ended)
+        if work.traced and not recorded:
+            for episode, trace in _traces(work, backend, recorder).items():
+                kept.add_trace(episode, trace)
+            work = work._replace(traced=0)
+        if len(waiting) >= FILE or done == count:
+            now = time.perf_counter()
+            kept.add(_with_measures(joined(waiting), backend, now - begun))
+            waiting, begun = [], now
+        progress("episodes", there + done, there + count)
+
+
+def simulate_on_workers(work: Work, kept: KeptEvaluation, open_engine: OpenEngine, progress: Progress) -> None:
+    """Simulate in the engine's workers and keep each part as it ends.
+
+    Raises:
+        TasksFailedError: a part failed for good; the others are kept.
+    """
+    count, there = len(work.episodes), work.experiment.evaluation.episodes - len(work.episodes)
+    work = work._replace(parameters=jax.tree.map(np.asarray, work.parameters))
+    failures = []
+    done, begun = 0, time.perf_counter()
+    with open_engine() as engine:
+        parts = [work.part(rows) for rows in split(count, engine)]
+        for position, result in engine.map(simulate_part, parts, time_limit_s=PART_TIME_LIMIT_S):
+            if isinstance(result, TaskFailure):
+                failures.append(f"episodes from {parts[position].episodes[0]}: {result.cause}")
+                continue
+            for episode, trace in result.unstable.items():
+                kept.add_unstable(episode, trace)
+            for episode, trace in result.traces.items():
+                kept.add_trace(episode, trace)
+            size, now = len(parts[position].episodes), time.perf_counter()
+            kept.add(result.rows | {"wall": np.full(size, (now - begun) / size)})
+            begun, done = now, done + size
+            progress("episodes", there + done, there + count)
+    if failures:
+        raise TasksFailedError(
+            f"{len(failures)} parts of the evaluation failed ({'; '.join(sorted(failures))}); "
+            "the others are kept, and the same command tries again"
+        )
+
+
+def split(count: int, engine: Engine) -> list[slice]:
+    """Parts for the workers: as long as may be, so that fewer slots wait for the last episode, but several for each."""
+    files = -(-count // FILE)
+    size = min(LONGEST_PART, FILE * max(1, files // (PARTS_A_WORKER * engine.workers)))
+    return [slice(first, first + size) for first in range(0, count, size)]
 
 
 _BACKENDS: dict[tuple[str, int], Backend] = {}  # of this worker, the last one: compiling takes longer than a part
 
 
-def simulate_part(part: Part) -> PartResult:
+def simulate_part(work: Work) -> PartResult:
     """Simulate a part on one core. Runs in a worker."""
-    inputs, batch = part.inputs, min(part.inputs.evaluation.batch, len(part.starts))
-    key = (part.identity, batch)
-    if key not in _BACKENDS:
+    batch, begun = min(work.experiment.evaluation.batch, len(work.episodes)), time.perf_counter()
+    if (work.key, batch) not in _BACKENDS:
         _BACKENDS.clear()
-        _BACKENDS[key] = make_backend(inputs, part.parameters, batch, 1)
-    backend = _BACKENDS[key]
-    rows: dict[int, Columns] = {}
-    unstable: dict[int, Trace] = {}
-    recorder = Recorder(backend.slots, part.traced)
-    for ended in simulate(backend, inputs, part.starts, part.limits, recorder):
-        for episode, row, trace in ended:
-            rows[episode] = row
-            if trace is not None:
-                unstable[episode] = trace
-    columns = {key: np.concatenate([rows[i][key] for i in range(len(rows))]) for key in rows[0]}
-    traces = recorder.traces(make_scene(inputs.scene), backend.plan_dt)
-    return PartResult(columns, traces, unstable, backend.device, backend.query_seconds())
-
-
-def _rows(rollout: Rollout) -> list[Columns]:
-    """One row of columns of length 1 for each episode."""
-    columns = episode_columns(rollout)
-    return [{key: values[i : i + 1] for key, values in columns.items()} for i in range(len(rollout.plans))]
+        _BACKENDS[work.key, batch] = make_backend(work.experiment, work.parameters, batch, 1)
+    backend = _BACKENDS[work.key, batch]
+    recorder = Recorder(backend.slots, work.traced)
+    ended = [one for some in simulate(backend, work, recorder) for one in some]
+    unstable = {int(one.row["episode"][0]): one.last_second for one in ended if one.last_second is not None}
+    rows = _with_measures(joined([one.row for one in ended]), backend, time.perf_counter() - begun)
+    return PartResult(rows, _traces(work, backend, recorder), unstable)
 
 
 def episode_columns(rollout: Rollout) -> Columns:
@@ -118,3 +183,15 @@ def episode_columns(rollout: Rollout) -> Columns:
         "plans": rollout.plans,
     }
     return {name: np.asarray(values) for name, values in columns.items()}
+
+
+def _traces(work: Work, backend: Backend, recorder: Recorder) -> dict[int, Trace]:
+    traces = recorder.traces(make_scene(work.experiment.scene), backend.plan_dt)
+    return dict(zip(work.episodes[: len(traces)].tolist(), traces, strict=True))
+
+
+def _with_measures(rows: Columns, backend: Backend, seconds: float) -> Columns:
+    """The rows with what is measured of all of them: an episode's share of the time [s], and where it ran."""
+    count = len(rows["episode"])
+    measures = {"wall": seconds / count, "device": backend.device, "query_seconds": backend.query_seconds()}
+    return rows | {name: np.full(count, value) for name, value in measures.items()}

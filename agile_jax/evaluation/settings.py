@@ -12,6 +12,8 @@ class EvaluationSettings(Settings):
 
     episodes: Count = 64
     """Number of episodes, each from a start of its own."""
+    name: Annotated[str, Field(pattern=r"^[A-Za-z][A-Za-z0-9_-]{0,63}$")] | None = None
+    """Name of this evaluation in its run directory, for `agile compare RUN_DIR:NAME`; changes no result."""
     backend: Literal["mujoco", "mjx", "mjx-warp"] = "mujoco"
     """Physics. mujoco: C MuJoCo in threads. mjx, mjx-warp: all robots in one compiled scan, in MJX or in MuJoCo Warp
     (NVIDIA GPUs, mujoco-mjx[warp]).
@@ -27,6 +29,8 @@ class EvaluationSettings(Settings):
     """here: in this process. workers: in the engine's, one core each; faster from some hundred episodes on."""
     batch: Count = 64
     """Number of episodes simulated at once; does not change their results."""
+    threads: Count | None = None
+    """Number of threads of C MuJoCo, all cores of this process when there is no value; does not change results."""
     devices: Count = 1
     """Number of JAX's devices that share the batch in MJX; does not change the results."""
     seed: Annotated[int, Field(ge=0)] = 0

@@ -6,7 +6,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from agile_jax.dataset import time_limit
-from agile_jax.evaluation.backend import Inputs, command_parameters, make_backend
+from agile_jax.evaluation.backend import command_parameters, make_backend
+from agile_jax.experiment import Experiment
 from agile_jax.expert import check_start, make_expert
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import make_scene
@@ -14,7 +15,7 @@ from agile_jax.simulation import OUTCOME_NAMES, Recorder, Trace, gather, stream
 
 
 def rollout_one(
-    inputs: Inputs,
+    experiment: Experiment,
     run_directory: pathlib.Path,
     start: Sequence[float] | np.ndarray,
     progress: Progress = silent,
@@ -22,7 +23,7 @@ def rollout_one(
     """Run one episode in C MuJoCo.
 
     Args:
-        inputs: settings, for example an Experiment.
+        experiment: settings.
         run_directory: holds `training/`.
         start: pose [x, y, z, yaw] [m, rad].
         progress: is told of the one episode.
@@ -33,13 +34,13 @@ def rollout_one(
     Raises:
         BadInput: the start is inside an obstacle or out of bounds.
     """
-    scene = make_scene(inputs.scene)
+    scene = make_scene(experiment.scene)
     pose = np.array(start, float)
-    check_start(scene, inputs.expert, pose)
-    solution = make_expert(scene, inputs.expert).solve(pose, initial_velocity="rest")
+    check_start(scene, experiment.expert, pose)
+    solution = make_expert(scene, experiment.expert).solve(pose, initial_velocity="rest")
     expert_time = solution.duration if solution.status == "solved" else np.nan
     limits = time_limit(np.array([expert_time]))
-    backend = make_backend(inputs, command_parameters(inputs, run_directory / "training"), 1, 1)
+    backend = make_backend(experiment, command_parameters(experiment, run_directory / "training"), 1, 1)
     recorder = Recorder(backend.slots, 1)
 
     def record(holds: np.ndarray) -> None:

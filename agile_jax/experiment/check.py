@@ -127,5 +127,5 @@ def _sweep(experiment: "Experiment") -> Iterator[Contradiction]:
         yield Contradiction(
             ("sweep", "metric"),
             f"sweep.metric = {sweep.metric!r}: no trial has an evaluation by {name!r}; evaluation.backend gives "
-            f"{', '.join(backends)}",
+            f"{', '.join(map(str, backends))}",
         )

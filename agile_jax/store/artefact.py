@@ -95,7 +95,13 @@ EPOCHS = Artefact(
 EPISODES = Artefact(
     "episodes",
     ("seed", "scene", "expert", "policy", "robot.legs", "robot.joints", "control", "evaluation"),
-    without_effect=("evaluation.batch", "evaluation.where", "evaluation.devices", "evaluation.threads"),
+    without_effect=(
+        "evaluation.name",
+        "evaluation.batch",
+        "evaluation.where",
+        "evaluation.devices",
+        "evaluation.threads",
+    ),
     amount=("evaluation.episodes", "evaluation.traced"),
     inputs=("epochs",),
     foreign=("robot", "expert", "policy", "controller", "obstacle"),

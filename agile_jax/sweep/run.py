@@ -16,13 +16,12 @@ import signal
 import subprocess
 import sys
 import time
-from typing import Any
 
 from agile_jax.experiment import Experiment, stage_hash, to_toml
-from agile_jax.files import write_atomic, write_json
+from agile_jax.files import read_json, write_atomic, write_json
 from agile_jax.pipeline import states
 from agile_jax.progress import Progress, silent
-from agile_jax.run_directory import locked, read_json
+from agile_jax.run_directory import locked
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
 from agile_jax.sweep.trials import (
@@ -30,22 +29,22 @@ from agile_jax.sweep.trials import (
     best,
     make_trials,
     point_text,
-    read_metric,
-    read_shown,
+    read_number,
     stages_for,
     sweep_settings,
 )
 
 SHARED = ("dataset", "training")
-PATIENCE = 60.0  # [s] for a trial's process that has lost its sweep, to end
-GRACE = 20.0  # [s] for a trial's process to end after SIGTERM
+ORPHAN_TIME = 60.0  # [s] for a trial's process that has lost its sweep, to end
+END_TIME = 20.0  # [s] for a trial's process to end after SIGTERM
 
 
 def list_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
     """The trials with what is known of them; runs nothing and writes nothing."""
     settings = sweep_settings(experiment)
-    record = read_json(sweep_dir / "sweep.json") or {}
-    before = {entry["hash"]: entry for entry in record.get("trials", []) if isinstance(entry, dict) and "hash" in entry}
+    recorded = (read_json(sweep_dir / "sweep.json") or {}).get("trials")
+    entries = recorded if isinstance(recorded, list) else []
+    before = {entry["hash"]: entry for entry in entries if isinstance(entry, dict) and "hash" in entry}
     trials = []
     for trial in make_trials(experiment, sweep_dir):
         seconds = float(before.get(trial.hash, {}).get("seconds", 0.0))
@@ -102,11 +101,11 @@ def _finished(trial: Trial, settings: SweepSettings) -> bool:
 
 
 def _judged(trial: Trial, settings: SweepSettings, seconds: float) -> Trial:
-    metric = read_metric(settings, trial.run_dir)
-    if isinstance(metric, str):
-        return trial._replace(status="failed", cause=metric, seconds=seconds)
-    shown = read_shown(settings, trial.run_dir)
-    return trial._replace(status="done", metric=metric, shown=shown, cause="", seconds=seconds)
+    metric = read_number(settings.metric, trial.run_dir)
+    if metric.value is None:
+        return trial._replace(status="failed", cause=metric.cause, seconds=seconds)
+    shown = tuple(read_number(key, trial.run_dir).value for key in settings.show)
+    return trial._replace(status="done", metric=metric.value, shown=shown, cause="", seconds=seconds)
 
 
 def _run_trial(trial: Trial, settings: SweepSettings, sweep_dir: pathlib.Path, engine: str, workers: int | None) -> str:
@@ -133,7 +132,7 @@ def _run_trial(trial: Trial, settings: SweepSettings, sweep_dir: pathlib.Path, e
         except BaseException:
             process.send_signal(signal.SIGTERM)
             try:
-                process.wait(GRACE)
+                process.wait(END_TIME)
             except subprocess.TimeoutExpired:
                 process.kill()
                 process.wait()
@@ -151,7 +150,7 @@ def _run_trial(trial: Trial, settings: SweepSettings, sweep_dir: pathlib.Path, e
 
 def wait_until_free(run_dir: pathlib.Path) -> None:
     """Wait for the process of a killed sweep that has not yet noticed; BadInput when it stays."""
-    deadline = time.monotonic() + PATIENCE
+    deadline = time.monotonic() + ORPHAN_TIME
     while True:
         try:
             with locked(run_dir):
@@ -174,7 +173,7 @@ def _share(trial: Trial, stage: str, sweep_dir: pathlib.Path) -> None:
 def _write_results(experiment: Experiment, sweep_dir: pathlib.Path, trials: list[Trial]) -> None:
     settings = sweep_settings(experiment)
     winner = best(settings, trials)
-    entries: list[dict[str, Any]] = [
+    entries: list[dict[str, object]] = [
         {
             "hash": trial.hash,
             "values": trial.values,

@@ -1,12 +1,15 @@
 """Settings of a sweep: what is varied, and by which number the trials are compared."""
 
-from typing import Annotated, Any, Literal
+import re
+from collections.abc import Mapping
+from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
 from agile_jax.settings import Settings
 
-LATER_METHODS = ("random", "tpe")
+Points = TypeVar("Points", dict[str, tuple[object, ...]], tuple[dict[str, object], ...])
+
 METRIC = r"^(dataset|training|evaluation\.[a-z0-9_]+)\.[a-z0-9_.]+$"
 
 
@@ -21,9 +24,9 @@ class SweepSettings(Settings):
     """Which metric is better: the least or the greatest."""
     show: Annotated[tuple[str, ...], Field(strict=False)] = ()
     """Further numbers of the same stages that the table shows."""
-    space: dict[str, Annotated[tuple[Any, ...], Field(strict=False, min_length=1)]] = Field(default={})
+    space: dict[str, Annotated[tuple[object, ...], Field(strict=False, min_length=1)]] = Field(default={})
     """Values of a grid by dotted key."""
-    points: Annotated[tuple[dict[str, Any], ...], Field(strict=False)] = ()
+    points: Annotated[tuple[dict[str, object], ...], Field(strict=False)] = ()
     """Points of a list, each with the dotted keys that it changes; an empty one changes nothing."""
 
     @model_validator(mode="after")
@@ -33,18 +36,9 @@ class SweepSettings(Settings):
             raise ValueError(f'method = "{self.method}" needs sweep.{wanted}, not empty, and no sweep.{other}')
         return self
 
-    @field_validator("method", mode="before")
-    @classmethod
-    def _method_exists(cls, method: Any) -> Any:
-        if method in LATER_METHODS:
-            raise ValueError("this method is not available yet; use 'grid' or 'list'")
-        return method
-
     @field_validator("metric", "show")
     @classmethod
-    def _metric_names_a_stage(cls, value: Any) -> Any:
-        import re
-
+    def _metric_names_a_stage(cls, value: str | tuple[str, ...]) -> str | tuple[str, ...]:
         for metric in (value,) if isinstance(value, str) else value:
             if not re.match(METRIC, metric):
                 raise ValueError(
@@ -55,28 +49,28 @@ class SweepSettings(Settings):
 
     @field_validator("space", mode="before")
     @classmethod
-    def _dotted(cls, space: Any) -> Any:
+    def _dotted(cls, space: object) -> object:
         """An unquoted `training.learning_rate = [...]` is a nested table in TOML; it means the same."""
         return _flatten(space) if isinstance(space, dict) else space
 
     @field_validator("points", mode="before")
     @classmethod
-    def _points_dotted(cls, points: Any) -> Any:
+    def _points_dotted(cls, points: object) -> object:
         if not isinstance(points, list | tuple):
             return points
         return tuple(_flatten(point) if isinstance(point, dict) else point for point in points)
 
     @field_validator("space", "points")
     @classmethod
-    def _keys_can_vary(cls, value: Any) -> Any:
+    def _keys_can_vary(cls, value: Points) -> Points:
         for key in value if isinstance(value, dict) else [key for point in value for key in point]:
             if key.split(".")[0] in ("name", "sweep", "extends"):
                 raise ValueError(f"{key} names the experiment or the sweep and cannot vary")
         return value
 
 
-def _flatten(table: dict[str, Any], prefix: str = "") -> dict[str, Any]:
-    flat: dict[str, Any] = {}
+def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    flat: dict[str, object] = {}
     for key, value in table.items():
         flat.update(_flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value})
     return flat

@@ -16,7 +16,7 @@ from agile_jax.interruption import Interrupted, interruptible, persistent
 from agile_jax.progress import shown
 from agile_jax.settings import BadInput
 
-GRACE = 15.0  # [s] between SIGTERM and the end without ceremony
+END_TIME = 15.0  # [s] between SIGTERM and the end without ceremony
 
 
 def main(run_dir: str, stages: str, engine: str, workers: str | None = None) -> int:
@@ -48,7 +48,7 @@ def main(run_dir: str, stages: str, engine: str, workers: str | None = None) -> 
 def _end_with_the_sweep() -> None:
     os.read(sys.stdin.fileno(), 1)  # nothing is ever written: this returns when the sweep has closed its end
     os.kill(os.getpid(), signal.SIGTERM)
-    time.sleep(GRACE)
+    time.sleep(END_TIME)
     os._exit(143)
 
 

@@ -3,11 +3,12 @@
 import itertools
 import math
 import pathlib
-from typing import Any, Literal, NamedTuple
+from collections.abc import Mapping
+from typing import Literal, NamedTuple
 
 from agile_jax.experiment import Experiment, experiment_hash, with_overrides
+from agile_jax.files import read_json
 from agile_jax.pipeline import stages_up_to
-from agile_jax.run_directory import read_json
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
 
@@ -16,7 +17,7 @@ class Trial(NamedTuple):
     """One point of the sweep. Its identity is the hash of its resolved experiment, not its number."""
 
     hash: str
-    values: dict[str, Any]  # what is varied, by dotted key
+    values: Mapping[str, object]  # what is varied, by dotted key
     experiment: Experiment
     run_dir: pathlib.Path
     status: Literal["new", "done", "failed"]
@@ -24,6 +25,13 @@ class Trial(NamedTuple):
     cause: str  # of a failure
     seconds: float  # spent on it by the process that finished it
     shown: tuple[float | None, ...] = ()  # the numbers that the sweep shows beside its metric
+
+
+class Number(NamedTuple):
+    """A number of a trial's summaries."""
+
+    value: float | None
+    cause: str  # why there is none, or ""
 
 
 def make_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
@@ -47,6 +55,8 @@ def make_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
             continue
         identity = experiment_hash(trial)
         run_dir = sweep_dir / "trials" / identity[:12]
+        own = {"name": f"{experiment.name[:51]}-{identity[:12]}"}  # going on from a trial is no work in the sweep
+        trial = trial.model_copy(update=own)
         trials.setdefault(identity, Trial(identity, values, trial, run_dir, "new", None, "", 0.0))
     if errors:
         raise BadInput("\n".join(errors))
@@ -67,31 +77,20 @@ def stages_for(settings: SweepSettings) -> tuple[str, ...]:
     return max((stages_up_to(key.split(".")[0]) for key in (settings.metric, *settings.show)), key=len)
 
 
-def read_metric(settings: SweepSettings, run_dir: pathlib.Path) -> float | str:
-    """The metric of a finished trial, or why it has none."""
-    return read_number(settings.metric, run_dir)
-
-
-def read_shown(settings: SweepSettings, run_dir: pathlib.Path) -> tuple[float | None, ...]:
-    """What is shown beside the metric; None where there is no such number."""
-    found = (read_number(key, run_dir) for key in settings.show)
-    return tuple(None if isinstance(value, str) else value for value in found)
-
-
-def read_number(metric: str, run_dir: pathlib.Path) -> float | str:
-    """A number of a finished trial's summaries, or why there is none."""
-    stage, *keys = metric.split(".")
-    name = keys.pop(0) if stage == "evaluation" else "summary"
-    path = run_dir / stage / f"{name}.json"
-    value: Any = read_json(path)
-    for key in keys:
-        if not isinstance(value, dict) or key not in value:
+def read_number(key: str, run_dir: pathlib.Path) -> Number:
+    """A number of a finished trial's summaries, by stage and key, such as "evaluation.mujoco.success_rate"."""
+    stage, *names = key.split(".")
+    file = names.pop(0) if stage == "evaluation" else "summary"
+    path = run_dir / stage / f"{file}.json"
+    value: object = read_json(path)
+    for name in names:
+        if not isinstance(value, dict) or name not in value:
             known = ", ".join(value) if isinstance(value, dict) else "nothing"
-            return f"{path} has no {'.'.join(keys)}; it has {known}"
-        value = value[key]
+            return Number(None, f"{path} has no {'.'.join(names)}; it has {known}")
+        value = value[name]
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        return f"{metric} is {value!r}, which cannot be compared"
-    return float(value)
+        return Number(None, f"{key} is {value!r}, which cannot be compared")
+    return Number(float(value), "")
 
 
 def best(settings: SweepSettings, trials: list[Trial]) -> Trial | None:
@@ -125,6 +124,6 @@ def table(experiment: Experiment, trials: list[Trial]) -> str:
     )
 
 
-def point_text(values: dict[str, Any]) -> str:
+def point_text(values: Mapping[str, object]) -> str:
     """What a point changes, in words."""
     return ", ".join(f"{key} = {value}" for key, value in values.items()) or "nothing changed"

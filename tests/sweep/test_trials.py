@@ -8,7 +8,7 @@ from agile_jax.experiment import Experiment, experiment_hash, with_overrides
 from agile_jax.files import write_json
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
-from agile_jax.sweep.trials import Trial, best, make_trials, read_metric, read_shown, stages_for, table
+from agile_jax.sweep.trials import Number, Trial, best, make_trials, read_number, stages_for, table
 
 SPACE = {"training.learning_rate": [0.1, 0.2], "seed": [0, 1, 2]}
 
@@ -52,7 +52,9 @@ def test_a_list_has_its_points_in_order_each_with_its_own_keys(tmp_path: pathlib
     write_json(trials[1].run_dir / "training/summary.json", {"noise_floor_mse": None, "seconds": 7.5})
     settings = experiment.sweep
     assert settings is not None
-    done = trials[1]._replace(status="done", metric=0.25, shown=read_shown(settings, trials[1].run_dir))
+    done = trials[1]._replace(
+        status="done", metric=0.25, shown=tuple(read_number(key, trials[1].run_dir).value for key in settings.show)
+    )
     assert done.shown == (None, 7.5)
     lines = table(experiment, [trials[0], done]).splitlines()
     assert "training.noise_floor_mse  training.seconds" in lines[0]
@@ -100,16 +102,14 @@ def test_a_trial_runs_as_far_as_its_metric_needs() -> None:
 def test_metrics_are_finite_numbers_or_a_reason(tmp_path: pathlib.Path) -> None:
     write_json(tmp_path / "evaluation/mujoco.json", {"success_rate": 0.5, "failures": {"fall": 2}, "nothing": None})
 
-    def read(key: str) -> float | str:
-        return read_metric(SweepSettings(metric=f"evaluation.mujoco.{key}", space={"seed": (1,)}), tmp_path)
+    def read(key: str) -> Number:
+        return read_number(key, tmp_path)
 
-    assert read("success_rate") == 0.5
-    assert read("failures.fall") == 2.0
-    assert "which cannot be compared" in str(read("nothing"))
-    assert "it has success_rate" in str(read("succes_rate")).replace("failures, nothing, ", "")
-    assert "has no seconds" in str(
-        read_metric(SweepSettings(metric="training.seconds", space={"seed": (1,)}), tmp_path)
-    )
+    assert read("evaluation.mujoco.success_rate") == Number(0.5, "")
+    assert read("evaluation.mujoco.failures.fall").value == 2.0
+    assert "which cannot be compared" in read("evaluation.mujoco.nothing").cause
+    assert "it has failures, nothing, success_rate" in read("evaluation.mujoco.succes_rate").cause
+    assert "has no seconds" in read("training.seconds").cause
 
 
 def test_the_best_and_the_table() -> None:
@@ -128,3 +128,13 @@ def test_the_best_and_the_table() -> None:
     lines = table(experiment, values).splitlines()
     assert [line[0] for line in lines] == [" ", " ", "*", " "]
     assert "failed: no luck" in lines[3]
+
+
+def test_a_trial_has_a_name_of_its_own_for_going_on_from_it() -> None:
+    long = sweep({"seed": [1, 2]}).model_copy(update={"name": "n" * 64})
+    trials = make_trials(long, pathlib.Path("swept"))
+    for trial in trials:
+        assert trial.experiment.name.endswith(trial.hash[:12])
+        assert Experiment.model_validate(trial.experiment.model_dump()).name == trial.experiment.name
+        assert experiment_hash(trial.experiment) == trial.hash
+    assert len({trial.experiment.name for trial in trials} | {long.name}) == 3

@@ -1,14 +1,12 @@
 """The evaluation's summary from known episodes, and its files."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
 
 from agile_jax.control import ControlSettings, Counts
 from agile_jax.dataset import time_limit
-from agile_jax.evaluation.store import load_chunk, save_chunk
 from agile_jax.evaluation.summary import summarize
 
 
@@ -18,6 +16,7 @@ def columns() -> dict[str, np.ndarray]:
         "success": np.array([True, True, False, False, False, False]),
         "arrival_time": np.array([3.0, 5.0, np.nan, np.nan, np.nan, np.nan]),
         "expert_time": np.array([3.0, 4.0, 3.0, 3.0, 3.0, np.nan]),
+        "expert_arrival_time": np.array([2.5, 3.8, 2.5, 2.5, 2.5, np.nan]),
         "min_clearance": np.array([0.02, 0.03, -0.01, 0.02, 0.2, 0.1]),
         "final_error": np.array([0.01, 0.03, 1.0, 1.0, 1.0, np.nan]),
         "velocity_tracking_rmse": np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1]),
@@ -35,6 +34,7 @@ def test_summary_of_known_episodes():
     assert summary["success_rate"] == pytest.approx(2 / 6)
     assert summary["failures"] == {"collision": 1, "fall": 1, "timeout": 1, "unstable": 1}
     assert summary["arrival_time_ratio_median"] == pytest.approx((1.0 + 1.25) / 2)
+    assert summary["arrival_time_ratio_same_tolerance_median"] == pytest.approx((3.0 / 2.5 + 5.0 / 3.8) / 2)
     assert summary["velocity_tracking_rmse"] == pytest.approx(0.1)
     assert summary["mpc_failures"] == 3
     assert (summary["cone_violations"], summary["torque_violations"], summary["joint_violations"]) == (0, 0, 7)
@@ -53,18 +53,3 @@ def test_summary_without_a_success_has_nulls_not_nans():
 
 def test_time_limit_is_twice_the_experts_time_and_three_seconds():
     np.testing.assert_allclose(time_limit(np.array([2.0, np.nan])), [7.0, 20.0])
-
-
-def test_chunk_comes_back_only_whole_and_for_its_own_evaluation(tmp_path: Path):
-    path = tmp_path / "chunk.npz"
-    save_chunk(path, "mine", {"a": np.arange(5)})
-    loaded = load_chunk(path, "mine")
-    assert loaded is not None
-    np.testing.assert_array_equal(loaded["a"], np.arange(5))
-    assert load_chunk(path, "other") is None
-    whole = path.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    assert load_chunk(path, "mine") is None
-    path.write_bytes(b"not an archive")
-    assert load_chunk(path, "mine") is None
-    assert load_chunk(tmp_path / "missing.npz", "mine") is None
