@@ -9,8 +9,8 @@ import pathlib
 import tomllib
 from collections import deque
 from collections.abc import Iterable, Iterator, Mapping
-from types import NoneType, UnionType
-from typing import Annotated, Literal, NamedTuple, Union, get_args, get_origin
+from types import NoneType
+from typing import Annotated, Literal, NamedTuple, get_args, get_origin
 
 from pydantic import BaseModel
 
@@ -22,36 +22,20 @@ class Option(NamedTuple):
     """A field of a settings model."""
 
     key: str  # dotted: "training.learning_rate"
-    kinds: tuple[object, ...]  # the members of its type without annotations: (float, NoneType)
+    kinds: frozenset[object]  # every type in its annotation: {tuple, float, NoneType}
+    choices: tuple[object, ...]  # the words that are allowed; none where others are
     about: str  # meaning and unit
     value: object  # that holds where the option is not given
 
     @property
-    def name(self) -> str:
-        """The option as it is written: --training.learning-rate."""
-        return option_name(self.key)
-
-    @property
-    def length(self) -> int | None:
-        """The number of words that its value takes; None for an array of any length."""
-        arrays = [get_args(kind) for kind in self.kinds if get_origin(kind) is tuple]
-        if not arrays or any(get_origin(bare) is tuple for kind in arrays[0] for bare in kinds_of(kind)):
-            return 1
-        return None if arrays[0][-1] is Ellipsis else len(arrays[0])
+    def takes_text(self) -> bool:
+        """Whether a word is kept as it is written."""
+        return bool(self.choices) or bool(self.kinds & {str, pathlib.Path})
 
 
 def option_name(key: str) -> str:
-    """The option of a dotted key."""
+    """The option of a dotted key: --training.learning-rate."""
     return "--" + key.replace("_", "-")
-
-
-def kinds_of(annotation: object) -> tuple[object, ...]:
-    """The members of a type such as Annotated[float | None, ...]."""
-    if get_origin(annotation) is Annotated:
-        return kinds_of(get_args(annotation)[0])
-    if get_origin(annotation) in (Union, UnionType):
-        return tuple(kind for member in get_args(annotation) for kind in kinds_of(member))
-    return (annotation,)
 
 
 def options_of(model: type[BaseModel], held: BaseModel | Mapping[str, object], prefix: str = "") -> Iterator[Option]:
@@ -64,98 +48,79 @@ def options_of(model: type[BaseModel], held: BaseModel | Mapping[str, object], p
     """
     for name, field in model.model_fields.items():
         value = getattr(held, name) if isinstance(held, BaseModel) else held.get(name, field.get_default())
-        key = f"{prefix}{name}"
-        if isinstance(value, BaseModel):
-            yield from options_of(type(value), value, f"{key}.")
-            continue
-        models = list(nested_models(field.annotation))
-        if isinstance(value, Mapping) and models:
-            yield from options_of(models[0], value, f"{key}.")
+        key, models = f"{prefix}{name}", list(nested_models(field.annotation))
+        if isinstance(value, BaseModel) or (isinstance(value, Mapping) and models):
+            yield from options_of(type(value) if isinstance(value, BaseModel) else models[0], value, f"{key}.")
             continue
         for i, item in enumerate(value if models and isinstance(value, list | tuple) else ()):
-            if isinstance(item, BaseModel):
-                yield from options_of(type(item), item, f"{key}.{i}.")
-            elif isinstance(item, Mapping) and (own := [one for one in models if item.get("kind") in tags(one)]):
-                yield from options_of(own[0], item, f"{key}.{i}.")
-        yield Option(key, kinds_of(field.annotation), " ".join((field.description or "").split()), value)
+            kind = getattr(item, "kind", item.get("kind") if isinstance(item, Mapping) else None)
+            for own in [type(item)] if isinstance(item, BaseModel) else [one for one in models if kind in tags(one)]:
+                yield from options_of(own, item, f"{key}.{i}.")
+        parts = list(_parts(field.annotation))
+        kinds = frozenset(part for part in parts if isinstance(part, type))
+        choices = tuple(word for part in parts if get_origin(part) is Literal for word in get_args(part))
+        yield Option(key, kinds, choices, " ".join((field.description or "").split()), value)
 
 
-def read_options(words: Iterable[str], options: Iterable[Option]) -> tuple[dict[str, object], list[str]]:
-    """The given values by dotted key, and the words that belong to no option.
+def _parts(annotation: object) -> Iterator[object]:
+    """Every type in an annotation, and its literals: tuple, float of Annotated[tuple[float, ...], ...]."""
+    origin = get_origin(annotation)
+    yield origin if isinstance(origin, type) else annotation
+    for part in get_args(annotation)[: 1 if origin is Annotated else None] if origin is not Literal else ():
+        yield from _parts(part)
+
+
+def read_options(words: Iterable[str], options: Iterable[Option]) -> dict[str, object]:
+    """The given values by dotted key.
 
     Raises:
-        BadInput: all unknown options and all values that are missing or cannot be read.
+        BadInput: all unknown options, all values that are missing or cannot be read, and words that belong to none.
     """
     known = {option.key: option for option in options}
-    waiting, errors = deque(words), list[str]()
-    given, others = dict[str, object](), list[str]()
+    waiting, given, errors = deque(words), dict[str, object](), list[str]()
     while waiting:
-        word = waiting.popleft()
-        if not word.startswith("--"):
-            others.append(word)
-            continue
-        written, equals, value = word.partition("=")
+        written, equals, value = waiting.popleft().partition("=")
+        values = [value] if equals else []
+        while not equals and waiting and not waiting[0].startswith("--"):
+            values.append(waiting.popleft())
         key = written[2:].replace("-", "_")
-        above, _, last = key.rpartition(".")
-        positive = f"{above}.{last[3:]}" if above else last[3:]
-        if last.startswith("no_") and positive in known and bool in known[positive].kinds:
+        positive = key.replace(".no_", ".").removeprefix("no_")
+        if not written.startswith("--"):
+            errors.append(f"{written}: nothing takes this; options begin with --")
+        elif key in known:
+            try:
+                given[key] = _read(known[key], values)
+            except BadInput as error:
+                errors.append(f"{written}{error}")
+        elif positive in known and bool in known[positive].kinds and not values:
             given[positive] = False
-        elif key not in known:
+        else:
             near = difflib.get_close_matches(key, known, 1)
             errors.append(f"{written}: unknown option" + (f"; did you mean {option_name(near[0])}?" if near else ""))
-            while waiting and not waiting[0].startswith("--"):
-                waiting.popleft()
-        else:
-            try:
-                given[key] = _read(known[key], [value] if equals else _take(waiting, known[key]))
-            except BadInput as error:
-                errors.append(str(error))
     if errors:
         raise BadInput("\n".join(errors))
-    return given, others
-
-
-def _take(waiting: deque[str], option: Option) -> list[str]:
-    """The words that are the option's value."""
-    if option.kinds == (bool,):
-        return [waiting.popleft()] if waiting and waiting[0].lower() in ("true", "false") else ["true"]
-    taken: list[str] = []
-    while waiting and not waiting[0].startswith("--") and len(taken) != option.length:
-        if option.length is None and taken and waiting[0].endswith(".toml"):
-            break
-        taken.append(waiting.popleft())
-        if taken[0].startswith(("[", "{")):
-            break
-    return taken
+    return given
 
 
 def _read(option: Option, words: list[str]) -> object:
-    if not words:
-        raise BadInput(f"{option.name}: needs a value")
-    first = words[0]
-    if len(words) == 1 and NoneType in option.kinds and first.lower() == "none":
+    if not words and bool in option.kinds:
+        return True
+    if not words or (len(words) > 1 and tuple not in option.kinds):
+        raise BadInput(f": needs {'a value' if not words else f'one value, not {len(words)}'}")
+    if NoneType in option.kinds and words in (["None"], ["none"]):
         return None
-    if len(words) == 1 and first.startswith(("[", "{")) and not _takes_text(option.kinds):
+    if words[0].startswith(("[", "{")) and not option.kinds.isdisjoint({tuple, dict}):
         try:
-            return tomllib.loads(f"value = {first}")["value"]
+            return tomllib.loads(f"value = {' '.join(words)}")["value"]
         except tomllib.TOMLDecodeError as error:
-            raise BadInput(f"{option.name} = {first}: cannot be read as TOML ({error})") from None
-    if option.length == 1:
-        return _scalar(option.name, first, option.kinds)
-    array = next(kind for kind in option.kinds if get_origin(kind) is tuple)
-    inner = tuple(kind for member in get_args(array) if member is not Ellipsis for kind in kinds_of(member))
-    return [_scalar(option.name, word, inner) for word in words]
+            raise BadInput(f" = {' '.join(words)}: cannot be read as TOML ({error})") from None
+    if pathlib.Path in option.kinds:
+        return read_path(words[0])
+    values = words if option.takes_text else [_number(word) for word in words]
+    return values if tuple in option.kinds else values[0]
 
 
-def _takes_text(kinds: tuple[object, ...]) -> bool:
-    return any(kind is str or get_origin(kind) is Literal for kind in kinds)
-
-
-def _scalar(name: str, word: str, kinds: tuple[object, ...]) -> object:
-    if pathlib.Path in kinds:
-        return read_path(word, name)
-    if _takes_text(kinds):
-        return word
+def _number(word: str) -> object:
     for number in (int, float):
         try:
             return number(word)
@@ -164,7 +129,7 @@ def _scalar(name: str, word: str, kinds: tuple[object, ...]) -> object:
     return {"true": True, "false": False}.get(word.lower(), word)
 
 
-def read_path(word: str, name: str = "") -> pathlib.Path:
+def read_path(word: str) -> pathlib.Path:
     """A path as a shell would have it: `~` is the home directory, also where the shell left it alone.
 
     Raises:
@@ -173,6 +138,4 @@ def read_path(word: str, name: str = "") -> pathlib.Path:
     try:
         return pathlib.Path(word).expanduser()
     except RuntimeError:
-        raise BadInput(
-            f"{f'{name} = ' if name else ''}{word}: there is no home directory; write the whole path"
-        ) from None
+        raise BadInput(f" {word}: there is no home directory; write the whole path") from None
