@@ -24,6 +24,8 @@ from agile_jax.report.figures.evaluation_figures import (
 )
 from agile_jax.report.figures.kinematic_test_figures import arrivals_figure, error_map_figure, worst_paths_figure
 from agile_jax.report.figures.learning_figures import (
+    ACCELERATION,
+    SPEED,
     draw_learning_curve,
     draw_velocity_field_side,
     velocity_field_figure,
@@ -42,11 +44,13 @@ from agile_jax.report.reading import (
 )
 from agile_jax.report.sections import error_unit, squared_error_unit
 from agile_jax.report.under_obstacles import crawl_height, went_under
-from agile_jax.report.video.camera import film, join, snapshots
+from agile_jax.report.video.camera import Picture, film, join, snapshots
 from agile_jax.report.video.video import SIM_DT, Rendered, render_shot, write_mp4
 from agile_jax.robot import build_mujoco_model, load_robot
 from agile_jax.scene import Scene, clearance, make_scene, planar_scene
+from agile_jax.training import load_policy
 
+TEST_ROWS = ("kinematic_test.npz", "closed_loop.npz")  # the second of older runs
 FEW = 400  # episodes below which the single starts say more than a map
 
 
@@ -112,23 +116,23 @@ def velocity_field(run_dir: pathlib.Path, experiment: Experiment) -> str:
     directory = run_dir / "training"
     if not (directory / "checkpoints").is_dir():
         return ""
-    from agile_jax.training import load_policy  # loads JAX
-
     scene = make_scene(experiment.scene)
     policy = load_policy(directory, scene, experiment.expert.limits, experiment.policy)
     heights = {f"at the target's height, {scene.target[2]:.2f} m": float(scene.target[2])}
     crawl = crawl_height(scene, planning_margin(experiment.expert))
     if crawl is not None:
         heights[f"at the height of crawling, {crawl:.2f} m"] = crawl
-    figure = velocity_field_figure(scene, policy.batch, heights)
-    what = "acceleration from rest" if policy.policy.learns == "acceleration" else "velocity field"
+    accelerations = policy.policy.learns == "acceleration"
+    what = "acceleration from rest" if accelerations else "velocity field"
+    amount = ACCELERATION if accelerations else SPEED
+    figure = velocity_field_figure(scene, policy.batch, heights, amount)
     above = page.picture(
         save_figure(figure, run_dir / "figures" / "velocity_field.png"),
         f"The learned {what} from above, at the target's yaw. Nothing is drawn where the torso would touch the "
         "obstacle.",
     )
     figure = new_figure(7.4, 2.9)
-    draw_velocity_field_side(figure.add_subplot(), scene, policy.batch)
+    draw_velocity_field_side(figure.add_subplot(), scene, policy.batch, amount)
     return above + page.picture(
         save_figure(figure, run_dir / "figures" / "velocity_field_side.png"),
         "The same from the side, in the plane of the target: how it ducks, and rises again.",
@@ -147,8 +151,9 @@ def kinematic_test(run_dir: pathlib.Path, experiment: Experiment) -> str:
             save_figure(figure, figures / "error_map.png"),
             "Error on held-out trajectories by place, from above and from the side.",
         )
-    if (directory / "closed_loop.npz").is_file():
-        test = load_kinematic_test(directory / "closed_loop.npz")
+    rows = next((path for name in TEST_ROWS if (path := directory / name).is_file()), None)
+    if rows is not None:
+        test = load_kinematic_test(rows)
         html += page.picture(
             save_figure(arrivals_figure(scene, test), figures / "arrivals.png"),
             f"A kinematic robot follows the policy from {len(test.start)} starts that no training has seen: arrival "
@@ -214,7 +219,7 @@ def _pictures(
     if settings.video:
         shot = join(shot, film(trace.time, trace.qpos, settings.frames_per_second, settings.longest_video))
 
-    def consume(frames: Iterator[np.ndarray]) -> None:
+    def consume(frames: Iterator[Picture]) -> None:
         stills = [next(frames) for _ in range(count)]
         sheet = np.concatenate([np.concatenate(stills[:2], 1), np.concatenate(stills[2:], 1)])
         buffer = io.BytesIO()

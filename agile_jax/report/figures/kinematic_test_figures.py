@@ -123,7 +123,7 @@ def _two_views(scene: Scene, points: Float[np.ndarray, "n 3"]) -> tuple[Figure, 
     low, high = cloud.min(0) - ROOM, cloud.max(0) + ROOM
     width = 6.0  # [inch] of the panels
     above = width * (high[1] - low[1]) / (high[0] - low[0])
-    figure = new_figure(width + 1.5, above + 0.35 * width + 0.7)
+    figure = new_figure(width + 1.5, above + 0.35 * width + 1.2)
     panels = list(figure.subplots(2, 1, sharex=True, height_ratios=[above, 0.35 * width]))
     for ax, view in zip(panels, _VIEWS, strict=True):
         across, up = VIEW_AXES[view]

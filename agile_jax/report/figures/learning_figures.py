@@ -16,6 +16,7 @@ from agile_jax.report.figures.style import BLUE, GREY, ORANGE, color_bar, dress,
 from agile_jax.scene import POSE_SIZE, Scene, clearance
 
 SURROUNDINGS = 1.8  # [m] around target and obstacles, in which the field is drawn
+SPEED, ACCELERATION = "speed in this view [m/s]", "acceleration in this view [m/s²]"
 Field: TypeAlias = Callable[[np.ndarray], np.ndarray]  # poses (n, 4) -> velocities (n, 4) [m/s, rad/s]
 
 
@@ -67,18 +68,18 @@ def draw_learning_curve(
     return ax
 
 
-def draw_velocity_field(ax: Axes, scene: Scene, velocity: Field, height: float) -> Axes:
-    """Streamlines of the field in the plane at a height [m], at the target's yaw; colour is the speed. Returns `ax`.
+def draw_velocity_field(ax: Axes, scene: Scene, velocity: Field, height: float, amount: str = SPEED) -> Axes:
+    """Streamlines of the field in the plane at a height [m], at the target's yaw; colour is the amount. Returns `ax`.
 
     Nothing is drawn where the torso would touch an obstacle.
     """
     section = _section_above(scene, velocity, height)
     _draw_above(ax, scene, section, section.fastest)
-    _speed_bar(ax, section.fastest)
+    _amount_bar(ax, section.fastest, amount)
     return ax
 
 
-def velocity_field_figure(scene: Scene, velocity: Field, heights: Mapping[str, float]) -> Figure:
+def velocity_field_figure(scene: Scene, velocity: Field, heights: Mapping[str, float], amount: str = SPEED) -> Figure:
     """`draw_velocity_field` at several heights [m] by their title, one below the other with the same colours."""
     figure = new_figure(7.4, 3.9 * len(heights) + 0.4)
     panels = np.atleast_1d(figure.subplots(len(heights), 1, sharex=True))
@@ -89,11 +90,11 @@ def velocity_field_figure(scene: Scene, velocity: Field, heights: Mapping[str, f
         ax.set_title(title, fontsize=10, loc="left")
         ax.set_xlabel("")
     panels[-1].set_xlabel("x [m]", fontsize=9)
-    _speed_bar(list(panels), fastest)
+    _amount_bar(list(panels), fastest, amount)
     return figure
 
 
-def draw_velocity_field_side(ax: Axes, scene: Scene, velocity: Field) -> Axes:
+def draw_velocity_field_side(ax: Axes, scene: Scene, velocity: Field, amount: str = SPEED) -> Axes:
     """Streamlines of the field in the vertical plane along x through the target, at its yaw. Returns `ax`."""
     low, high = _extent(scene)
     x, z = np.linspace(low[0], high[0], 121), np.linspace(scene.lower[2], scene.upper[2], 41)
@@ -102,7 +103,7 @@ def draw_velocity_field_side(ax: Axes, scene: Scene, velocity: Field) -> Axes:
     _stream(ax, section, section.fastest, density=(1.6, 0.8))
     draw_target(ax, scene, "side")
     ax.set_ylim(z[0], z[-1])
-    _speed_bar(ax, section.fastest)
+    _amount_bar(ax, section.fastest, amount)
     return ax
 
 
@@ -154,5 +155,5 @@ def _stream(ax: Axes, section: _Section, fastest: float, density: float | tuple[
     ax.set_xlim(section.across[0], section.across[-1])
 
 
-def _speed_bar(axes: Axes | list[Axes], fastest: float) -> None:
-    color_bar(ScalarMappable(Normalize(0.0, fastest), "viridis"), axes, "speed in this view [m/s]")
+def _amount_bar(axes: Axes | list[Axes], greatest: float, amount: str) -> None:
+    color_bar(ScalarMappable(Normalize(0.0, greatest), "viridis"), axes, amount)

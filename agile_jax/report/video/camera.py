@@ -1,8 +1,9 @@
 """The camera both renderers share, and which moments of an episode they show."""
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeAlias
 
 import numpy as np
+from jaxtyping import Float, UInt8
 
 from agile_jax.report.under_obstacles import underside_above
 from agile_jax.scene import Scene
@@ -15,12 +16,14 @@ _ASIDE = 0.36  # [m] from the obstacle's edge to the trunk, in the first and the
 LOOK_HEIGHT = 0.25  # [m] of the point looked at
 SEE_THROUGH = 0.5  # greatest opacity of what stands in the scene
 
+Picture: TypeAlias = UInt8[np.ndarray, "height width 3"]  # RGB
+
 
 class Shot(NamedTuple):
     """F pictures: the robot's configuration, where the camera looks, and the words in the corner."""
 
-    qpos: np.ndarray  # (F, nq)
-    look_at: np.ndarray  # (F, 3) [m]
+    qpos: Float[np.ndarray, "F nq"]  # [m, rad]
+    look_at: Float[np.ndarray, "F 3"]  # [m]
     captions: list[str]
 
 
@@ -33,20 +36,22 @@ def join(first: Shot, second: Shot) -> Shot:
     )
 
 
-def axes_of_view() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Right, up and forward of the camera in the world, each (3,)."""
+def axes_of_view() -> tuple[Float[np.ndarray, "3"], Float[np.ndarray, "3"], Float[np.ndarray, "3"]]:
+    """Right, up and forward of the camera in the world."""
     a, e = np.radians(AZIMUTH), np.radians(ELEVATION)
     forward = np.array([np.cos(e) * np.cos(a), np.cos(e) * np.sin(a), np.sin(e)])
     right = np.array([np.sin(a), -np.cos(a), 0.0])
     return right, np.cross(right, forward), forward
 
 
-def film(time: np.ndarray, qpos: np.ndarray, frames_per_second: int, longest: float) -> Shot:
+def film(
+    time: Float[np.ndarray, " K"], qpos: Float[np.ndarray, "K nq"], frames_per_second: int, longest: float
+) -> Shot:
     """The whole episode in real time, the camera gliding along with the robot.
 
     Args:
-        time: shape (K,) [s], increasing.
-        qpos: shape (K, nq).
+        time: increasing [s].
+        qpos: the configurations at these times [m, rad].
         frames_per_second: pictures for a second of the episode.
         longest: the end of the episode is cut after this time [s].
     """
@@ -60,7 +65,7 @@ def film(time: np.ndarray, qpos: np.ndarray, frames_per_second: int, longest: fl
     return Shot(qpos[rows], look_at, captions)
 
 
-def snapshots(scene: Scene, time: np.ndarray, qpos: np.ndarray) -> Shot:
+def snapshots(scene: Scene, time: Float[np.ndarray, " K"], qpos: Float[np.ndarray, "K nq"]) -> Shot:
     """Four pictures: before the obstacle, entering, under it, after it; at equal times where nothing was passed under.
 
     The camera stands still beside the obstacle, so that the pictures can be compared.

@@ -8,10 +8,11 @@ from collections.abc import Iterator
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 from PIL import Image, ImageDraw
 from scipy.spatial import ConvexHull
 
-from agile_jax.report.video.camera import SEE_THROUGH, VIEW_HEIGHT, Shot, axes_of_view
+from agile_jax.report.video.camera import SEE_THROUGH, VIEW_HEIGHT, Picture, Shot, axes_of_view
 
 _PLANE, _SPHERE, _CAPSULE, _BOX = (
     int(kind)
@@ -31,24 +32,24 @@ _FACES = [(axis, sign) for axis in range(3) for sign in (-1.0, 1.0)]
 class Projection:
     """Maps the world to the pixels of one picture, orthographically."""
 
-    def __init__(self, look_at: np.ndarray, width: int, height: int):
-        """`look_at` (3,) [m] is in the middle of `width` x `height` [pixel]."""
+    def __init__(self, look_at: Float[np.ndarray, "3"], width: int, height: int):
+        """`look_at` [m] is in the middle of `width` x `height` [pixel]."""
         self.right, self.up, self.forward = axes_of_view()
         self.look_at, self.size = look_at, np.array([width, height])
         self.scale = height / VIEW_HEIGHT  # [pixel/m]
 
-    def __call__(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (..., 2), right and down, of points (..., 3) [m]."""
+    def __call__(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n 2"]:
+        """Pixels, right and down, of points [m]."""
         local = points - self.look_at
         return self.size / 2 + self.scale * np.stack([local @ self.right, -(local @ self.up)], -1)
 
-    def depth(self, points: np.ndarray) -> np.ndarray:
-        """Distance along the view (...) [m]."""
+    def depth(self, points: Float[np.ndarray, "*n 3"]) -> Float[np.ndarray, "*n"]:
+        """Distance along the view [m]."""
         return (points - self.look_at) @ self.forward
 
 
-def drawn_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int) -> Iterator[np.ndarray]:
-    """The pictures of a shot, each (height, width, 3) uint8.
+def drawn_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int) -> Iterator[Picture]:
+    """The pictures of a shot.
 
     Geoms of kinds other than box, capsule, sphere and plane are left out; planes are the floor at z = 0.
     """
@@ -59,8 +60,10 @@ def drawn_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int) -> 
         yield draw_frame(model, data, look_at, width, height)
 
 
-def draw_frame(model: mujoco.MjModel, data: mujoco.MjData, look_at: np.ndarray, width: int, height: int) -> np.ndarray:
-    """One picture (height, width, 3) uint8 of the model as `data` has it (after kinematics)."""
+def draw_frame(
+    model: mujoco.MjModel, data: mujoco.MjData, look_at: Float[np.ndarray, "3"], width: int, height: int
+) -> Picture:
+    """One picture of the model as `data` has it (after kinematics)."""
     projection = Projection(look_at, width * _SAMPLES, height * _SAMPLES)
     image = Image.new("RGB", (width * _SAMPLES, height * _SAMPLES), _SKY)
     pen = ImageDraw.Draw(image, "RGBA")  # this mode blends translucent colours
@@ -148,8 +151,8 @@ def _draw_geom(
     pen.polygon(_pixels(_stadium(ends, radius)), fill=fill, outline=edge)
 
 
-def _stadium(ends: np.ndarray, radius: float) -> np.ndarray:
-    """Outline (n, 2) of the hull of two circles of equal radius around `ends` (2, 2)."""
+def _stadium(ends: Float[np.ndarray, "2 2"], radius: float) -> Float[np.ndarray, "n 2"]:
+    """Outline of the hull of two circles of equal radius around the ends."""
     direction = ends[1] - ends[0]
     start = np.arctan2(direction[1], direction[0]) + np.pi / 2
     angles = start + np.linspace(0.0, np.pi, 13)
@@ -157,7 +160,7 @@ def _stadium(ends: np.ndarray, radius: float) -> np.ndarray:
     return np.concatenate([ends[0] + cap, ends[1] - cap])
 
 
-def _facing(projection: Projection, along: np.ndarray) -> np.ndarray:
+def _facing(projection: Projection, along: Float[np.ndarray, "3"]) -> Float[np.ndarray, "3"]:
     """The normal of a round body at the line that faces the camera."""
     length = np.linalg.norm(along)
     toward = -projection.forward
@@ -166,7 +169,9 @@ def _facing(projection: Projection, along: np.ndarray) -> np.ndarray:
     return toward / max(float(np.linalg.norm(toward)), 1e-9)
 
 
-def _shade(rgb: np.ndarray, normal: np.ndarray, alpha: float) -> tuple[tuple[int, ...], tuple[int, ...]]:
+def _shade(
+    rgb: Float[np.ndarray, "3"], normal: Float[np.ndarray, "3"], alpha: float
+) -> tuple[tuple[int, ...], tuple[int, ...]]:
     """Fill and outline of a surface: diffuse light and a darker edge."""
     light = 0.72 + 0.28 * float(normal @ _LIGHT / np.linalg.norm(_LIGHT))
     fill = np.clip(255 * rgb * light, 0, 255)
@@ -174,5 +179,5 @@ def _shade(rgb: np.ndarray, normal: np.ndarray, alpha: float) -> tuple[tuple[int
     return (*(int(c) for c in fill), opacity), (*(int(0.55 * c) for c in fill), opacity)
 
 
-def _pixels(points: np.ndarray) -> list[tuple[float, float]]:
+def _pixels(points: Float[np.ndarray, "n 2"]) -> list[tuple[float, float]]:
     return [(float(x), float(y)) for x, y in points]

@@ -18,7 +18,7 @@ from typing import IO
 import mujoco
 import numpy as np
 
-from agile_jax.report.video.camera import AZIMUTH, ELEVATION, FIELD_OF_VIEW, SEE_THROUGH, VIEW_HEIGHT, Shot
+from agile_jax.report.video.camera import AZIMUTH, ELEVATION, FIELD_OF_VIEW, SEE_THROUGH, VIEW_HEIGHT, Picture, Shot
 from agile_jax.store.npz import read_npz, write_npz
 
 DISABLED = ("0", "disable", "disabled", "false", "off")  # MuJoCo's words for "no rendering"
@@ -40,8 +40,8 @@ def candidates(environment: Mapping[str, str], platform: str = sys.platform) -> 
     return ("egl", "osmesa") if platform.startswith("linux") else ("glfw",)
 
 
-def opengl_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int, backend: str) -> Iterator[np.ndarray]:
-    """The pictures of a shot, each (height, width, 3) uint8, rendered with MUJOCO_GL=`backend`.
+def opengl_frames(model: mujoco.MjModel, shot: Shot, width: int, height: int, backend: str) -> Iterator[Picture]:
+    """The pictures of a shot, rendered with MUJOCO_GL=`backend`.
 
     Raises:
         RenderError: the backend does not work here, or its process died; some pictures may have come before.

@@ -16,7 +16,7 @@ from PIL import Image, ImageDraw, ImageFont
 from agile_jax.files import temporary_name
 from agile_jax.report.figures.motions import Recorded
 from agile_jax.report.settings import ReportSettings
-from agile_jax.report.video.camera import Shot, film
+from agile_jax.report.video.camera import Picture, Shot, film
 from agile_jax.report.video.drawing import drawn_frames
 from agile_jax.report.video.opengl import SYSTEM_PACKAGES, RenderError, candidates, opengl_frames
 from agile_jax.robot import RobotSettings, build_mujoco_model
@@ -61,11 +61,11 @@ def render_video(
 
 
 def render_shot(
-    model: mujoco.MjModel, shot: Shot, settings: ReportSettings, consume: Callable[[Iterator[np.ndarray]], object]
+    model: mujoco.MjModel, shot: Shot, settings: ReportSettings, consume: Callable[[Iterator[Picture]], object]
 ) -> Rendered:
     """Make the pictures of a shot with the first renderer that works, and hand them to `consume`.
 
-    `consume` gets an iterator of pictures (height, width, 3) uint8; it is called anew if a renderer fails on the way.
+    `consume` gets an iterator of pictures; it is called anew if a renderer fails on the way.
 
     Raises:
         BadInput: the shot is empty or does not fit the model.
@@ -87,8 +87,8 @@ def render_shot(
     return Rendered("drawing", note)
 
 
-def write_mp4(path: pathlib.Path, frames: Iterator[np.ndarray], frames_per_second: int) -> None:
-    """Encode pictures (height, width, 3) uint8 as H.264 that browsers play, and move the finished file into place.
+def write_mp4(path: pathlib.Path, frames: Iterator[Picture], frames_per_second: int) -> None:
+    """Encode pictures as H.264 that browsers play, and move the finished file into place.
 
     The encoder is the one that the wheel of imageio-ffmpeg brings. It is started here and not by imageio, whose fork
     would run Python in a child of a process that has JAX's threads.
@@ -124,7 +124,7 @@ def write_mp4(path: pathlib.Path, frames: Iterator[np.ndarray], frames_per_secon
             temporary.unlink(missing_ok=True)
 
 
-def _with_captions(frames: Iterator[np.ndarray], captions: list[str]) -> Iterator[np.ndarray]:
+def _with_captions(frames: Iterator[Picture], captions: list[str]) -> Iterator[Picture]:
     for frame, caption in zip(frames, captions, strict=True):
         image = Image.fromarray(frame)
         pen = ImageDraw.Draw(image, "RGBA")
