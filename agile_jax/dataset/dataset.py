@@ -40,7 +40,7 @@ class Dataset(NamedTuple):
 def accepted(arrays: Arrays) -> Bool[np.ndarray, " n"]:
     """Which labels of a shard are solved with residuals within the verifier's tolerances."""
     residuals = zip(*(arrays[name] for name in RESIDUALS), strict=True)
-    return arrays["solved"] & np.array([not rejection(Residuals(*r)) for r in residuals], bool)
+    return arrays["solved"] & np.array([rejection(Residuals(*r)) is None for r in residuals], bool)
 
 
 def load(directory: pathlib.Path) -> Dataset:

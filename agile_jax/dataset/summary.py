@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from agile_jax.dataset.dataset import accepted
-from agile_jax.expert.programs.retries import CERTIFIED
+from agile_jax.expert import CERTIFIED
 from agile_jax.store.npz import Arrays
 
 FIRST_METHODS = ("certified", "fatrop")  # the others are rungs that solved what these could not

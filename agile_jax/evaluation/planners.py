@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 
-from agile_jax.expert import ExpertSettings, make_expert, planning_margin
+from agile_jax.expert import ExpertSettings, InitialVelocity, make_expert, planning_margin
 from agile_jax.scene import POSE_SIZE, Scene, clearance
 from agile_jax.simulation import TimedPath
 
@@ -52,7 +52,7 @@ class ExpertPlanner:
         for slot in np.flatnonzero(due):
             self._plan(int(slot), poses[slot], float(times[slot]), "free")
 
-    def _plan(self, slot: int, pose: np.ndarray, now: float, initial_velocity: str) -> None:
+    def _plan(self, slot: int, pose: np.ndarray, now: float, initial_velocity: InitialVelocity) -> None:
         pose = np.clip(pose, self._scene.lower + INSET, self._scene.upper - INSET)
         begun = time.perf_counter()
         if clearance(self._scene, pose) >= planning_margin(self._settings):

@@ -1,10 +1,10 @@
 """The expert: minimum-time trajectories around obstacles, to global quality, with unique labels, each one verified.
 
-Free space is split into regions (regions.py), connected sequences of them are routes (routes.py). Least time comes
-first: a route that attains the analytic lower bound is globally optimal, its duration is closed form, and the other
-axes' motions are convex programs (certified.py, profile.py, axis_program.py). Where no route does, each route is a
-smooth nonlinear program (transcription.py, schemes.py, arguments.py), solved up a ladder of attempts (ladder.py), and
-the best by T + w E is kept (expert.py). Nothing leaves without the independent check (verify.py). Minimum time alone
+Free space is split into regions (space/), connected sequences of them are routes (search/). Least time comes first: a
+route that attains the analytic lower bound is globally optimal, its duration is closed form, and the other axes'
+motions are convex programs (programs/certified.py, programs/axis_program.py). Where no route does, each route is a
+smooth nonlinear program (programs/transcription.py), tried in several ways (programs/retries.py), and the best by
+T + w E is kept (minimum_time_expert.py). Nothing leaves without the independent check (verify.py). Minimum time alone
 leaves all axes but the slowest undetermined; the effort E determines them and, where routes tie in time, the route.
 
 The default weight w = 5e-3 with 100 nodes keeps the program's durations within 1e-4 of the analytic minimum (2.5e-5
@@ -18,22 +18,26 @@ and needs the general program for every label.
 Importing this package loads neither CasADi nor JAX.
 """
 
-from agile_jax.expert.expert import Expert, make_expert
+from agile_jax.expert.expert import Expert
 from agile_jax.expert.feasible_poses import check_start, check_target, check_targets, pose_errors
+from agile_jax.expert.kinds import make_expert
 from agile_jax.expert.limits import MotionLimits
 from agile_jax.expert.planar_comparison import Comparison, compare_planners
 from agile_jax.expert.search.minimum_time import lower_bound, minimum_time
-from agile_jax.expert.settings import ExpertSettings
-from agile_jax.expert.solution import ExpertSolution, Residuals, Trajectory
+from agile_jax.expert.settings import ExpertSettings, InitialVelocity
+from agile_jax.expert.solution import CERTIFIED, ExpertSolution, Residuals, Trajectory
 from agile_jax.expert.space.regions import planning_margin
-from agile_jax.expert.verify import integrate, rejection, verify
+from agile_jax.expert.verify import Rejection, integrate, rejection, verify
 
 __all__ = [
+    "CERTIFIED",
     "Comparison",
     "Expert",
     "ExpertSettings",
     "ExpertSolution",
+    "InitialVelocity",
     "MotionLimits",
+    "Rejection",
     "Residuals",
     "Trajectory",
     "check_start",

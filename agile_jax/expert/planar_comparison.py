@@ -1,28 +1,29 @@
 """What it costs to plan in the plane: the paper's figure 2 over many starts."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from agile_jax.expert.expert import make_expert
+from agile_jax.expert.kinds import make_expert
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.scene import Scene
 
 
 class Comparison(NamedTuple):
-    """Durations of the same problem with and without a free height, NaN where a planner found no path. Shape (n,)."""
+    """Durations of the same problem with and without a free height, NaN where a planner found no path."""
 
-    spatial: np.ndarray  # planner "3d" [s]
-    planar: np.ndarray  # planner "2d" [s]
+    spatial: Float[np.ndarray, " n"]  # in three dimensions [s]
+    planar: Float[np.ndarray, " n"]  # in the plane [s]
 
     @property
-    def lost(self) -> np.ndarray:
+    def lost(self) -> Float[np.ndarray, " n"]:
         """Time that planning in the plane loses [s]; NaN where either found no path."""
         return self.planar - self.spatial
 
 
-def compare_planners(scene: Scene, settings: ExpertSettings, starts: np.ndarray) -> Comparison:
-    """Solve every start, shape (n, 4), at the target's height and from rest, with both planners.
+def compare_planners(scene: Scene, settings: ExpertSettings, starts: Float[np.ndarray, "n 4"]) -> Comparison:
+    """Solve every start [m, rad] at the target's height and from rest, in three dimensions and in the plane.
 
     A start that is free below a table may have no path in the plane: the table is a full box there.
 
@@ -31,9 +32,10 @@ def compare_planners(scene: Scene, settings: ExpertSettings, starts: np.ndarray)
     """
     starts = np.array(starts, float)
     starts[:, 2] = scene.target[2]
-    durations = []
-    for planner in ("3d", "2d"):
-        expert = make_expert(scene, settings.model_copy(update={"dimensions": planner}))
+
+    def durations(dimensions: Literal["3d", "2d"]) -> np.ndarray:
+        expert = make_expert(scene, settings.model_copy(update={"dimensions": dimensions}))
         solutions = [expert.solve(start, initial_velocity="rest") for start in starts]
-        durations.append(np.array([s.duration if s.status == "solved" else np.nan for s in solutions]))
-    return Comparison(*durations)
+        return np.array([s.duration if s.status == "solved" else np.nan for s in solutions])
+
+    return Comparison(durations("3d"), durations("2d"))

@@ -1,15 +1,24 @@
 """Settings of the expert: bounds, margins, transcription."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 
 import numpy as np
 from pydantic import AfterValidator, Field, SerializeAsAny, WrapValidator
 
 from agile_jax.expert.limits import MotionLimits
 from agile_jax.plugins import by_kind, one_of
-from agile_jax.settings import Count, NonNegative, PositivePose, Settings
+from agile_jax.settings import BadInput, Count, NonNegative, PositivePose, Settings
 
 EXPERTS = ("minimum_time",)
+InitialVelocity = Literal["rest", "free"]  # at rest, or the best velocity within the bounds
+
+
+def checked_initial_velocity(value: str) -> InitialVelocity:
+    """The initial velocity that a word stands for (BadInput where it is none)."""
+    for choice in get_args(InitialVelocity):
+        if value == choice:
+            return choice
+    raise BadInput(f'initial_velocity = {value!r}: must be "rest" or "free"')
 
 
 class ExpertSettings(Settings):
@@ -29,7 +38,7 @@ class ExpertSettings(Settings):
     """Bounds of the accelerations of [x, y, z, yaw] [m/s^2, rad/s^2]."""
     clearance_margin: NonNegative = 0.025
     """Clearance that a plan keeps from obstacles, epsilon of equation 2 [m]."""
-    initial_velocity: Literal["rest", "free"] = "rest"
+    initial_velocity: InitialVelocity = "rest"
     """How labels begin. rest: as in the paper. free: with the best velocity within the bounds."""
     effort_weight: Annotated[float, Field(gt=0, le=1)] = 5e-3
     """Weight of the integral of sum (u_i / a_i)^2 in the objective [-]; it makes labels unique (expert/__init__.py)."""

@@ -1,20 +1,21 @@
 """What the expert returns."""
 
-from typing import NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.scene import POSE_SIZE
 
 
 class Trajectory(NamedTuple):
-    """A motion over T intervals of different lengths; the accelerations are constant over each or linear in it."""
+    """A motion over T intervals, T + 1 nodes; the accelerations are constant over each interval or linear in it."""
 
-    times: np.ndarray  # (T+1,) [s], from 0
-    states: np.ndarray  # (T+1, 8) = [x y z yaw, rates] [m, rad, m/s, rad/s]
+    times: Float[np.ndarray, " nodes"]  # [s], from 0
+    states: Float[np.ndarray, "nodes 8"]  # [x y z yaw, rates] [m, rad, m/s, rad/s]
     # Accelerations [m/s^2, rad/s^2]: (T, 4) constant over each interval, (T+1, 4) at the nodes and linear in between.
-    controls: np.ndarray
+    controls: Float[np.ndarray, "_ 4"]
 
 
 class Residuals(NamedTuple):
@@ -37,7 +38,7 @@ class ExpertSolution(NamedTuple):
     gap: float  # duration / lower_bound - 1, 0 certifies the global optimum
     branch: str  # "direct", "under", "left", "right", "over", or several joined by "+"
     objective: float  # duration + effort_weight * effort
-    status: str  # "solved" | "failed"
+    status: Literal["solved", "failed"]
     cause: str  # "" when solved
     dynamics_residual: float
     integration_defect: float
@@ -45,9 +46,46 @@ class ExpertSolution(NamedTuple):
     bound_violation: float
     clearance_violation: float
     min_clearance: float
-    method: str  # "certified" (certified.py), or the rung that solved it (ladder.py)
+    method: str  # "certified" (certified.py), or the attempt that solved it (retries.py)
     routes: tuple[tuple[str, float], ...]  # (branch, objective) of every route that was solved
     solve_time_s: float
+
+    def __repr__(self) -> str:
+        """One line: the trajectory has hundreds of numbers."""
+        if self.status == "failed":
+            return f"ExpertSolution(failed: {self.cause})"
+        return f"ExpertSolution(solved: {self.duration:.3f} s, {self.branch}, by {self.method})"
+
+
+CERTIFIED = "certified"  # the method of labels from the fast path
+SHORTEST = 0.1  # [s] the least duration by which the gap is made relative
+
+
+def solved(
+    trajectory: Trajectory,
+    residuals: Residuals,
+    bound: float,
+    branch: str,
+    objective: float,
+    method: str,
+    routes: tuple[tuple[str, float], ...],
+) -> ExpertSolution:
+    """The solution with a verified trajectory; `bound` is the lower bound on its duration [s]."""
+    duration = float(trajectory.times[-1])
+    return ExpertSolution(
+        trajectory=trajectory,
+        duration=duration,
+        lower_bound=bound,
+        gap=(duration - bound) / max(bound, SHORTEST),
+        branch=branch,
+        objective=objective,
+        status="solved",
+        cause="",
+        **residuals._asdict(),
+        method=method,
+        routes=routes,
+        solve_time_s=0.0,
+    )
 
 
 def failed_solution(settings: ExpertSettings, bound: float, cause: str) -> ExpertSolution:

@@ -1,13 +1,16 @@
 """The independent check of a trajectory: NumPy only, sharing nothing with the solver but the problem.
 
 The controls are integrated from the stated initial condition in closed form, by the scheme that the labels claim;
-clearance is the exact one of the scene
-(the torso's box with its yaw). Clearance and the bounds of the pose are measured at many points inside every interval.
+clearance is the exact one of the scene (the torso's box with its yaw). Clearance and the bounds of the pose are
+measured at many points inside every interval.
 """
 
-import numpy as np
+from typing import Literal, NamedTuple
 
-from agile_jax.expert.settings import ExpertSettings
+import numpy as np
+from jaxtyping import Float
+
+from agile_jax.expert.settings import ExpertSettings, InitialVelocity, checked_initial_velocity
 from agile_jax.expert.solution import Residuals, Trajectory
 from agile_jax.scene import POSE_SIZE, Scene, clearance, facing
 
@@ -19,11 +22,18 @@ BOUND_TOLERANCE = 1e-6  # [m, rad, m/s, rad/s, m/s^2, rad/s^2]
 CLEARANCE_TOLERANCE = 0.0  # [m]
 
 
-def integrate(trajectory: Trajectory, scheme: str | None = None) -> np.ndarray:
-    """States from integrating the controls from the first state. Shape (T+1, 8).
+class Rejection(NamedTuple):
+    """Why a trajectory is not accepted."""
+
+    kind: Literal["dynamics", "ends", "bounds", "clearance"]
+    text: str  # the residual, and its limit
+
+
+def integrate(trajectory: Trajectory, scheme: str | None = None) -> Float[np.ndarray, "nodes 8"]:
+    """States from integrating the controls from the first state.
 
     Args:
-        trajectory: controls constant over each interval, shape (T, 4), or linear between nodes, shape (T+1, 4).
+        trajectory: T intervals.
         scheme: "trapezoidal" integrates the rates by the trapezoidal rule; anything else integrates exactly.
     """
     steps, controls = np.diff(trajectory.times)[:, None], trajectory.controls
@@ -40,8 +50,8 @@ def integrate(trajectory: Trajectory, scheme: str | None = None) -> np.ndarray:
     return np.concatenate([poses, rates], axis=1)
 
 
-def dense_poses(trajectory: Trajectory, points: int = DENSE, scheme: str | None = None) -> np.ndarray:
-    """Poses at every node and `points` times inside each interval, shape (T * (points + 1) + 1, 4).
+def dense_poses(trajectory: Trajectory, points: int = DENSE, scheme: str | None = None) -> Float[np.ndarray, "n 4"]:
+    """Poses at every node and `points` times inside each interval, n = T (points + 1) + 1 [m, rad].
 
     Trapezoidal collocation takes the pose for a parabola between nodes; the others for the integral of the controls.
     """
@@ -59,8 +69,8 @@ def dense_poses(trajectory: Trajectory, points: int = DENSE, scheme: str | None 
     return np.concatenate([inside.reshape(-1, POSE_SIZE), trajectory.states[-1:, :POSE_SIZE]])
 
 
-def least_clearance(scene: Scene, poses: np.ndarray, every: int = DENSE + 1) -> float:
-    """Exact least clearance over poses, shape (m, 4) [m]; infinity without obstacles.
+def least_clearance(scene: Scene, poses: Float[np.ndarray, "n 4"], every: int = DENSE + 1) -> float:
+    """Exact least clearance over poses [m]; infinity without obstacles.
 
     Clearance changes by no more than the torso's points move. So it is measured at one pose of `every`, and then at
     those of the others that may be nearer to an obstacle than the nearest of these.
@@ -100,8 +110,8 @@ def verify(
     scene: Scene,
     settings: ExpertSettings,
     trajectory: Trajectory,
-    start: np.ndarray,
-    initial_velocity: str | None = None,
+    start: Float[np.ndarray, "4"],
+    initial_velocity: InitialVelocity | None = None,
 ) -> Residuals:
     """Measure how far a trajectory is from solving the problem.
 
@@ -109,14 +119,18 @@ def verify(
         scene: obstacles, target and bounds of the pose. Full turns of the yaw are nothing where the bounds hold them.
         settings: bounds, margin, end conditions.
         trajectory: T intervals.
-        start: pose, shape (4,).
+        start: pose [m, rad].
         initial_velocity: "rest" or "free"; None takes the settings'.
+
+    Raises:
+        BadInput: another word for the initial velocity.
     """
+    condition = checked_initial_velocity(initial_velocity or settings.initial_velocity)
     scene = facing(scene, start)
     states, controls = trajectory.states, trajectory.controls
     poses, rates = states[:, :POSE_SIZE], states[:, POSE_SIZE:]
     ends = [poses[0] - start, poses[-1] - scene.target, rates[-1]]
-    if (initial_velocity or settings.initial_velocity) == "rest":
+    if condition == "rest":
         ends.append(rates[0])
     if settings.zero_end_controls:
         ends += [controls[0], controls[-1]]
@@ -141,15 +155,16 @@ def verify(
     )
 
 
-def rejection(residuals: Residuals) -> str:
-    """Why a trajectory with these residuals is not accepted; "" when it is. NaN is never accepted."""
-    limits = (
-        ("dynamics_residual", DYNAMICS_TOLERANCE),
-        ("end_residual", END_TOLERANCE),
-        ("bound_violation", BOUND_TOLERANCE),
-        ("clearance_violation", CLEARANCE_TOLERANCE),
+def rejection(residuals: Residuals) -> Rejection | None:
+    """Why a trajectory with these residuals is not accepted; None when it is. NaN is never accepted."""
+    limits: tuple[tuple[Literal["dynamics", "ends", "bounds", "clearance"], str, float], ...] = (
+        ("dynamics", "dynamics_residual", DYNAMICS_TOLERANCE),
+        ("ends", "end_residual", END_TOLERANCE),
+        ("bounds", "bound_violation", BOUND_TOLERANCE),
+        ("clearance", "clearance_violation", CLEARANCE_TOLERANCE),
     )
-    for name, limit in limits:
-        if not getattr(residuals, name) <= limit:
-            return f"{name} {getattr(residuals, name):.2e} exceeds {limit:.0e}"
-    return ""
+    for kind, name, limit in limits:
+        value: float = getattr(residuals, name)
+        if not value <= limit:
+            return Rejection(kind, f"{name} {value:.2e} exceeds {limit:.0e}")
+    return None

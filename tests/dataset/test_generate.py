@@ -63,7 +63,7 @@ def test_loaded_trajectories_pass_the_independent_check(reference):
 
     for k in range(len(dataset.indices)):
         trajectory = Trajectory(dataset.times[k], dataset.states[k], dataset.controls[k])
-        assert rejection(verify(scene, EXPERT, trajectory, dataset.starts[k])) == ""
+        assert rejection(verify(scene, EXPERT, trajectory, dataset.starts[k])) is None
         assert dataset.durations[k] == dataset.times[k, -1] >= dataset.lower_bounds[k] - 1e-6
 
 

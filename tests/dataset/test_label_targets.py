@@ -34,8 +34,10 @@ def test_targets_take_turns_and_every_label_is_verified_against_its_own(director
     for k, target in enumerate(dataset.targets):
         world = scene._replace(target=target)
         trajectory = Trajectory(dataset.times[k], dataset.states[k], dataset.controls[k])
-        assert rejection(verify(world, EXPERT, trajectory, dataset.starts[k])) == ""
-        assert rejection(verify(scene._replace(target=target + 0.01), EXPERT, trajectory, dataset.starts[k])) != ""
+        assert rejection(verify(world, EXPERT, trajectory, dataset.starts[k])) is None
+        assert (
+            rejection(verify(scene._replace(target=target + 0.01), EXPERT, trajectory, dataset.starts[k])) is not None
+        )
         seen = facing(world, dataset.starts[k]).target
         assert dataset.lower_bounds[k] == lower_bound(dataset.starts[k], seen, EXPERT, "rest")
 

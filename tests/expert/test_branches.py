@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, make_expert
+from agile_jax.expert.problem import Problem
 from agile_jax.expert.search.branches import branch_name
-from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.search.routes import RouteSearch
 from agile_jax.expert.space.nearby_obstacles import first_met, first_obstacles
 from agile_jax.expert.space.regions import make_free_space
 from agile_jax.geometry import rotation_2d
@@ -83,7 +84,7 @@ def test_only_an_overlap_is_under():
         assert {branch_name(scene, poses)} == names
 
 
-def test_what_was_never_relevant_is_named():
+def test_what_was_never_near_is_named():
     """The box is far below the straight line, and the table far beside it; both are left out of the search."""
     far = TABLE | {"position": [1.5, 2.2], "size": [0.4, 0.4]}
     scene = make_scene(
@@ -94,15 +95,15 @@ def test_what_was_never_relevant_is_named():
         )
     )
     start = np.array([0.0, 0.0, 0.3, 0.0])
-    assert not first_obstacles(scene, start, 0.03).any()
+    assert not first_obstacles(Problem(scene, start, "rest", SETTINGS), 0.03).any()
     solution = make_expert(scene, SETTINGS).solve(start)
     assert solution.branch == "over"
     assert solution.routes[0][0] == "over"
 
 
-def test_boxes_of_one_table_are_relevant_together():
+def test_boxes_of_one_table_are_chosen_together():
     scene = make_scene(SceneSettings(obstacles=[LOW | {"position": [0.0, 2.0, 0.05]}, TABLE | LEGS]))
-    chosen = first_obstacles(scene, np.array([0.0, 0.0, 0.28, 0.0]), 0.03)
+    chosen = first_obstacles(Problem(scene, np.array([0.0, 0.0, 0.28, 0.0]), "rest", SETTINGS), 0.03)
     np.testing.assert_array_equal(chosen, [False] + [True] * 5)
     leg = scene.obstacle_centers[2, :2]
     assert first_met(scene, np.array([[*leg, 0.16, 0.0]]), 0.02) == 1
@@ -114,15 +115,15 @@ def test_between_two_regions_of_a_table_with_legs_there_are_several_ways():
     world = {"lower": (-3, -3, 0.155, -3.2), "upper": (3, 3, 0.32, 3.2), "target": (0.0, 1.4, 0.28, 0.0)}
     scene = make_scene(SceneSettings(obstacles=[table], **world))
     start = np.array([-1.3, 0.0, 0.28, 0.0])
-    space = make_free_space(scene, SETTINGS, start)
-    found = {}
-    for route in find_routes(space, start, scene.target, SETTINGS, "rest"):
-        found.setdefault(tuple(region.sides for region in route.regions), []).append(route)
+    problem = Problem(scene, start, "rest", SETTINGS)
+    space, found = make_free_space(problem), {}
+    for route in RouteSearch(space, problem).routes():
+        found.setdefault(tuple(region.cells for region in route.regions), []).append(route)
     assert any(len(routes) > 1 for routes in found.values())
     for routes in found.values():
-        pins = {tuple((*pin.normal, pin.value) for pin in route.pins) for route in routes}
-        assert len(pins) == len(routes)
-    bounds = [route.objective_bound for route in find_routes(space, start, scene.target, SETTINGS, "rest")]
+        crossed = {tuple((*face.normal, face.value) for face in route.crossed) for route in routes}
+        assert len(crossed) == len(routes)
+    bounds = [route.objective_bound for route in RouteSearch(space, problem).routes()]
     assert bounds == sorted(bounds)
 
 
@@ -131,11 +132,12 @@ def test_edges_of_single_faces_are_rounded_and_others_square(legs):
     """Around the corners of a table with legs as of one without; below it only where there are no legs."""
     scene = make_scene(SceneSettings(obstacles=[TABLE | legs]))
     start = np.array([0.0, 0.1, 0.28, 0.2])
-    space = make_free_space(scene, SETTINGS, start, exact=True)
+    problem = Problem(scene, start, "rest", SETTINGS)
+    space = make_free_space(problem, exact=True)
     seen = set()
-    for route in find_routes(space, start, scene.target, SETTINGS, "rest", rounded=True):
-        names = [space.sides[0][region.sides[0]].name for region in route.regions if not len(region.edge)]
-        rounded = sum(len(region.edge) > 0 for region in route.regions)
+    for route in RouteSearch(space, problem, rounded=True).routes():
+        names = [space.cells[0][region.cells[0]].name for region in route.regions if region.edge is None]
+        rounded = sum(region.edge is not None for region in route.regions)
         if len(names) == 3:  # front, one side, back
             seen.add((names[1], rounded))
     assert seen == {("left", 2), ("right", 2), ("under", 0 if legs else 2)}

@@ -6,6 +6,7 @@ import pytest
 from motion import largest_difference
 
 from agile_jax.expert import ExpertSettings, make_expert, minimum_time
+from agile_jax.expert.problem import Problem
 from agile_jax.expert.programs.axis_program import AxisSolver, Bounds, least_effort, make_axis_grid, solve_axes
 from agile_jax.expert.search.effort_bound import effort_bound
 from agile_jax.expert.search.profile import make_grid, slowest_axis
@@ -15,10 +16,10 @@ from agile_jax.scene import SceneSettings, clearance, make_scene
 @pytest.mark.parametrize("condition", ["rest", "free"])
 def test_profile_is_the_fastest_motion(condition):
     settings = ExpertSettings()
-    generator = np.random.default_rng(0)
+    open_field, generator = make_scene(SceneSettings()), np.random.default_rng(0)
     for _ in range(50):
         start, target = generator.uniform(-1.5, 1.5, (2, 4))
-        profile = slowest_axis(start, target, settings, condition)
+        profile = slowest_axis(Problem(open_field._replace(target=target), start, condition, settings))
         times = make_grid(profile.switches, profile.duration, 40)
         position, rate, control = profile.states(times)
         h = np.diff(times)
@@ -70,7 +71,7 @@ def test_axis_program_against_another_solver(condition):
     """HiGHS on the sparse program agrees in the controls; DAQP on the condensed program with all rows agrees to 1e-9 in
     the effort, whether bounds are active or not."""
     generator = np.random.default_rng(1)
-    solver, feasible, bounded = AxisSolver(30, condition), 0, 0
+    solver, feasible, bounded = AxisSolver(30, condition == "rest"), 0, 0
     for trial in range(24):
         times = np.append(0.0, np.cumsum(generator.uniform(0.02, 0.08, 30)))
         first, last = generator.uniform(-0.1, 0.1, 2)
@@ -97,7 +98,7 @@ def test_axis_program_against_another_solver(condition):
         assert ours.positions[[0, -1], 0] == pytest.approx([first, last], abs=1e-8)
         assert abs(ours.rates[-1, 0]) < 1e-8
         feasible += 1
-        free = least_effort(grid, np.array([first]), np.array([last]), condition)
+        free = least_effort(grid, np.array([first]), np.array([last]), condition == "rest")
         bounded += not np.allclose(free, ours.controls)
         bound = effort_bound(
             *np.array([[[first]], [[last]]]),
@@ -105,7 +106,7 @@ def test_axis_program_against_another_solver(condition):
             [times[k : k + 1] for k in (5, 11, 20)],
             [lower[k : k + 1, None] for k in (5, 11, 20)],
             [upper[k : k + 1, None] for k in (5, 11, 20)],
-            condition,
+            condition == "rest",
         )
         assert bound[0, 0] <= effort * (1 + 1e-9)
     assert feasible >= 8
@@ -119,9 +120,11 @@ def test_effort_bound_is_the_effort_where_nothing_else_binds(condition):
     lower, upper = np.full(201, -np.inf), np.full(201, np.inf)
     upper[60], lower[140] = -0.1, 0.2
     bounds = Bounds(np.array([50.0]), np.array([500.0]), lower[:, None], upper[:, None])
-    motion = solve_axes(make_axis_grid(times), AxisSolver(200, condition), np.zeros(1), np.array([0.1]), bounds)
+    motion = solve_axes(
+        make_axis_grid(times), AxisSolver(200, condition == "rest"), np.zeros(1), np.array([0.1]), bounds
+    )
     gates = [(times[k : k + 1], lower[k : k + 1, None], upper[k : k + 1, None]) for k in (60, 140)]
-    bound = effort_bound(np.zeros((1, 1)), np.full((1, 1), 0.1), 2.0, *zip(*gates, strict=True), condition)
+    bound = effort_bound(np.zeros((1, 1)), np.full((1, 1), 0.1), 2.0, *zip(*gates, strict=True), condition == "rest")
     effort = np.diff(times) @ motion.controls[:, 0] ** 2
     assert bound[0, 0] == pytest.approx(effort, rel=1e-2)  # after a few sweeps
     assert bound[0, 0] <= effort
@@ -157,7 +160,7 @@ def test_agrees_with_the_general_program(pair, start, condition, branch):
     assert rates < 5e-3
 
 
-def test_a_boundary_off_the_slowest_axis_is_searched_for(pair):
+def test_a_crossing_off_the_slowest_axis_is_searched_for(pair):
     """Entering from beside the table: when the plane y = const is crossed does not follow from x."""
     fast, general = (expert.solve([0.49, 1.12, 0.30, 0.0], "rest") for expert in pair)
     assert fast.method == "certified"

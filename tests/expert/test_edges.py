@@ -6,11 +6,14 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, make_expert
-from agile_jax.expert.programs.initial_guess import faces_with_rows, make_arguments
+from agile_jax.expert.problem import Problem
+from agile_jax.expert.programs.initial_guess import make_inputs
+from agile_jax.expert.programs.layout import Phase
+from agile_jax.expert.programs.program import solve_program
 from agile_jax.expert.programs.schemes import control_points, step
-from agile_jax.expert.programs.transcription import Phase, build_program, solve_program
+from agile_jax.expert.programs.transcription import build_program
 from agile_jax.expert.search.braking_bound import braked_time
-from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.search.routes import RouteSearch
 from agile_jax.expert.search.turns import split_turns
 from agile_jax.expert.space.edges import round_edge
 from agile_jax.expert.space.footprint import footprint_range
@@ -26,12 +29,12 @@ TURNED = np.array([0.62, -0.22, 0.26, -0.675])  # turned beyond the torso's diag
 
 def _edges(scene, start, exact):
     """Regions around edges, for every pair of neighbouring regions."""
-    space = make_free_space(scene, SETTINGS, start, exact, ROUNDING_ERRORS)
-    regions = [make_region(space, (i,)) for i in range(len(space.sides[0]))]
+    space = make_free_space(Problem(scene, start, "rest", SETTINGS), exact, ROUNDING_ERRORS)
+    regions = [make_region(space, (i,)) for i in range(len(space.cells[0]))]
     for before, after in itertools.permutations([region for region in regions if region is not None], 2):
         for region in (before, after):
-            side = space.sides[0][region.sides[0]]
-            passage = round_edge(space, 0, before, after, side.faces[0], (start, scene.target)) if side.name else None
+            cell = space.cells[0][region.cells[0]]
+            passage = round_edge(space, 0, before, after, cell.faces[0], (start, scene.target)) if cell.name else None
             if passage is not None:
                 yield space, passage
 
@@ -100,48 +103,48 @@ def test_mirrored_starts_have_mirrored_labels(scene):
 @pytest.mark.parametrize("start", [ACTIVE, TURNED])
 def test_bounds_of_rounded_routes_are_below_what_they_reach(scene, start):
     exact = start is TURNED
-    space = make_free_space(scene, SETTINGS, start, exact, ROUNDING_ERRORS)
+    space = make_free_space(Problem(scene, start, "rest", SETTINGS), exact, ROUNDING_ERRORS)
     solved, programs = [], {}
     for condition in ("rest", "free"):
-        routes = find_routes(space, start, scene.target, SETTINGS, condition, rounded=True)
-        for route in split_turns(space, routes, start, scene.target, SETTINGS, condition):
+        problem = Problem(scene, start, condition, SETTINGS)
+        for route in split_turns(problem, space, RouteSearch(space, problem, rounded=True).routes()):
             if len(route.regions) > 5:
                 continue
-            phases = tuple(Phase(len(r.edge) > 0, len(faces_with_rows(r))) for r in route.regions)
+            phases = tuple(Phase(r.edge is not None, len(r.rows)) for r in route.regions)
             if (phases, condition) not in programs:
                 half_size = scene.torso_half_size if exact else None
-                programs[phases, condition] = build_program(phases, condition, SETTINGS, half_size=half_size)
+                programs[phases, condition] = build_program(phases, condition == "rest", SETTINGS, half_size=half_size)
             program = programs[phases, condition]
-            weight = SETTINGS.effort_weight
-            arguments = make_arguments(route, space.margin, program, start, scene.target, SETTINGS, weight)
-            found = solve_program(program, arguments)
+            inputs = make_inputs(problem, route, space.margin, program, SETTINGS.effort_weight)
+            found = solve_program(program, inputs)
             if found.success:
                 assert route.duration_bound <= found.trajectory.times[-1] + 1e-6
                 assert route.objective_bound <= found.objective + 1e-6
                 solved.append(route)
     assert len(solved) >= 4
-    assert any(len(region.edge) for route in solved for region in route.regions)
+    assert any(region.edge is not None for route in solved for region in route.regions)
 
 
 def test_a_turn_is_split_where_the_torso_is_widest(scene):
-    space = make_free_space(scene, SETTINGS, TURNED, True, ROUNDING_ERRORS)
+    problem = Problem(scene, TURNED, "free", SETTINGS)
+    space = make_free_space(problem, True, ROUNDING_ERRORS)
     widest = -np.arctan2(scene.torso_half_size[1], scene.torso_half_size[0])
     least, most = footprint_range(scene.torso_half_size, np.array([-1.0, 0.0, 0.0]), (-0.675, 0.0))
     assert most == pytest.approx(np.hypot(*scene.torso_half_size[:2]))
     assert least == pytest.approx(scene.torso_half_size[0])
-    routes = list(find_routes(space, TURNED, scene.target, SETTINGS, "free", rounded=True))
-    parts = list(split_turns(space, iter(routes), TURNED, scene.target, SETTINGS, "free"))
+    routes = list(RouteSearch(space, problem, rounded=True).routes())
+    parts = list(split_turns(problem, space, iter(routes)))
     bounds = [part.objective_bound for part in parts]
     assert bounds == sorted(bounds)
     ahead = [[-1, 0, 0], [-1, 0, 0], [1, 0, 0], [1, 0, 0]]  # normals of the front and of the back
-    under = [part for part in parts if [pin.normal.tolist() for pin in part.pins] == ahead]
-    sides = {tuple(bool(b.upper[3] <= widest + 1e-9) for b in part.boundaries) for part in under}
+    under = [part for part in parts if [face.normal.tolist() for face in part.crossed] == ahead]
+    turned = {tuple(bool(b.upper[3] <= widest + 1e-9) for b in part.crossings) for part in under}
     # Turned before the front edge, between the edges, or after the back edge.
-    assert sides == {(False,) * 4, (True, True, False, False), (True,) * 4}
-    straight = np.array([0.62, -0.22, 0.26, -0.4])
-    space = make_free_space(scene, SETTINGS, straight, True, ROUNDING_ERRORS)
-    routes = list(find_routes(space, straight, scene.target, SETTINGS, "free", rounded=True))
-    assert len(list(split_turns(space, iter(routes), straight, scene.target, SETTINGS, "free"))) == len(routes)
+    assert turned == {(False,) * 4, (True, True, False, False), (True,) * 4}
+    straight = problem._replace(start=np.array([0.62, -0.22, 0.26, -0.4]))
+    space = make_free_space(straight, True, ROUNDING_ERRORS)
+    routes = list(RouteSearch(space, straight, rounded=True).routes())
+    assert len(list(split_turns(straight, space, iter(routes)))) == len(routes)
 
 
 @pytest.mark.parametrize("free", [False, True])
@@ -153,7 +156,7 @@ def test_braked_time_against_a_linear_program(free):
     for _ in range(6):
         distance, velocity, acceleration = generator.uniform([0.02, 0.2, 0.5], [1.0, 1.0, 2.0])
         last = velocity * generator.uniform(0, 1)
-        expected = braked_time(distance, last, velocity, acceleration, free)
+        expected = braked_time(distance, last, velocity, acceleration, not free)
 
         def farthest(duration, n=200, velocity=velocity, acceleration=acceleration, last=last):
             h = duration / n

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, make_expert, rejection, verify
+from agile_jax.expert.problem import Problem
 from agile_jax.expert.space.regions import make_free_space
 from agile_jax.scene import SceneSettings, clearance, make_scene
 
@@ -16,7 +17,7 @@ def solve(table, start, condition="rest", settings=SETTINGS, **scene):
     world = make_scene(SceneSettings(obstacles=[table], **scene))
     solution = make_expert(world, settings).solve(np.array(start), condition)
     assert solution.status == "solved", solution.cause
-    assert rejection(verify(world, settings, solution.trajectory, np.array(start), condition)) == ""
+    assert rejection(verify(world, settings, solution.trajectory, np.array(start), condition)) is None
     return solution
 
 
@@ -104,8 +105,8 @@ def test_round_the_corner_below_the_table():
     world = {"lower": (-1.6, -0.9, 0.155, -3.2), "upper": (0.9, 1.6, 0.32, 3.2)}
     scene = SceneSettings(obstacles=[table], target=(0.0, 1.4, 0.28, 0.0), **world)
     start = np.array([-1.3, 0.0, 0.28, 0.0])
-    space = make_free_space(make_scene(scene), SETTINGS, start)
-    assert sorted(side.name for side in space.sides[0]) == ["front", "left", "under", "under"]
+    space = make_free_space(Problem(make_scene(scene), start, "rest", SETTINGS))
+    assert sorted(cell.name for cell in space.cells[0]) == ["front", "left", "under", "under"]
     solution = solve(table, start, target=(0.0, 1.4, 0.28, 0.0), **world)
     assert solution.branch == "under"
     assert solution.gap < 0.25

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, make_expert
-from agile_jax.expert.programs.certified import Task, make_certified_solver, solve_certified
+from agile_jax.expert.problem import Problem
+from agile_jax.expert.programs.certified import Task, make_axis_solver, solve_certified
 from agile_jax.expert.search import routes
 from agile_jax.expert.search.profile import slowest_axis
-from agile_jax.expert.search.routes import RouteSearch, find_routes
-from agile_jax.expert.space.nearby_obstacles import along, first_met, first_obstacles, with_obstacles
+from agile_jax.expert.search.routes import RouteSearch
+from agile_jax.expert.space.nearby_obstacles import first_met, first_obstacles, straight_path, with_obstacles
 from agile_jax.expert.space.regions import make_free_space, make_region, regions_around
 from agile_jax.expert.verify import dense_poses, least_clearance
 from agile_jax.scene import SceneSettings, clearance, make_scene, obstacle_clearances
@@ -32,20 +33,20 @@ WALLS = [
 
 def _exhaustive(scene, start):
     """The least objective over every route among all obstacles, without bounds, order or an end to the search."""
-    profile = slowest_axis(start, scene.target, SETTINGS, "rest")
-    solver = make_certified_solver(SETTINGS, "rest")
-    space = make_free_space(scene, SETTINGS, start)
+    problem = Problem(scene, start, "rest", SETTINGS)
+    profile, space = slowest_axis(problem), make_free_space(problem)
+    solver = make_axis_solver(SETTINGS, True)
     regions = {}
-    for choice in itertools.product(*(range(len(sides)) for sides in space.sides)):
+    for choice in itertools.product(*(range(len(cells)) for cells in space.cells)):
         region = make_region(space, choice)
         if region is not None:
             regions[choice] = region
     efforts = []
-    for route in itertools.islice(find_routes(space, start, scene.target, SETTINGS, "rest"), 3000):
-        assert all(region.sides in regions for region in route.regions)
-        found = solve_certified(Task(solver, route, profile, start, scene.target))
+    for route in itertools.islice(RouteSearch(space, problem).routes(), 3000):
+        assert all(region.cells in regions for region in route.regions)
+        found = solve_certified(Task(solver, problem, route, profile))
         if found is not None:
-            efforts.append(found[1])
+            efforts.append(found.effort)
     return profile.duration, min(efforts, default=np.inf)
 
 
@@ -64,7 +65,7 @@ def test_labels_are_the_best_of_all_routes(start, monkeypatch):
     start = np.array(start)
     scene = make_scene(SceneSettings(obstacles=THREE[:2]))
     solution = make_expert(scene, SETTINGS).solve(start)
-    monkeypatch.setattr(routes, "PATHS", 10**9)
+    monkeypatch.setattr(routes, "PATHS_PER_REGION", 10**9)
     duration, effort = _exhaustive(scene, start)
     assert solution.method == "certified"
     assert solution.duration == pytest.approx(duration, rel=1e-9)
@@ -74,13 +75,13 @@ def test_labels_are_the_best_of_all_routes(start, monkeypatch):
 def test_what_is_left_out_is_not_met():
     scene = make_scene(SceneSettings(obstacles=THREE))
     start = np.array([-0.4, -0.6, 0.25, 0.0])
-    assert not first_obstacles(scene, start, 0.03).any()
+    assert not first_obstacles(Problem(scene, start, "rest", SETTINGS), 0.03).any()
     solution = make_expert(scene, SETTINGS).solve(start)
     assert solution.status == "solved", solution.cause
     assert solution.clearance_violation == 0
     poses = dense_poses(solution.trajectory)
     assert first_met(scene, poses, SETTINGS.clearance_margin) is None
-    assert first_met(scene, along(np.array([start, scene.target])), SETTINGS.clearance_margin) == 1
+    assert first_met(scene, straight_path(np.array([start, scene.target])), SETTINGS.clearance_margin) == 1
     part = with_obstacles(scene, np.array([False, True, True]))
     np.testing.assert_array_equal(obstacle_clearances(part, start), obstacle_clearances(scene, start)[1:])
 
@@ -91,7 +92,8 @@ def test_a_walled_in_target_has_no_route_and_is_given_up_soon():
     solution = make_expert(scene, SETTINGS).solve(start)
     assert solution.status == "failed"
     assert solution.cause.startswith("no route")
-    search = RouteSearch(make_free_space(scene, SETTINGS, start), start, scene.target, SETTINGS, "rest")
+    problem = Problem(scene, start, "rest", SETTINGS)
+    search = RouteSearch(make_free_space(problem), problem)
     assert search.next() is None
     assert search.expansions < 200  # paths; without the question whether anything connects there are 20,000
     # A gap in one wall, and there is a way.
@@ -104,9 +106,9 @@ def test_regions_around_a_pose_are_those_of_all_that_hold_it():
     generator = np.random.default_rng(0)
     for _ in range(40):
         pose = generator.uniform([0.0, -1.2, 0.156, 0.0], [2.9, 1.6, 0.319, 0.0])
-        space = make_free_space(scene, SETTINGS, pose)
+        space = make_free_space(Problem(scene, pose, "rest", SETTINGS))
         near = regions_around(space, pose)
-        assert len({region.sides for region in near}) == len(near)
+        assert len({region.cells for region in near}) == len(near)
         assert bool(near) == bool(clearance(scene, pose) >= SETTINGS.clearance_margin + 5e-4)
 
 

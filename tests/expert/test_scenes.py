@@ -1,10 +1,11 @@
-"""Obstacles at any yaw, turning robots, several obstacles, the plane, the norm bound, and the ladder."""
+"""Obstacles at any yaw, turning robots, several obstacles, the plane, the norm bound, later attempts."""
 
 import numpy as np
 import pytest
 
 from agile_jax.expert import ExpertSettings, check_start, compare_planners, make_expert, minimum_time
-from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.problem import Problem
+from agile_jax.expert.search.routes import RouteSearch
 from agile_jax.expert.space.footprint import footprint, footprint_range
 from agile_jax.expert.space.polygons import clip, planar_separation
 from agile_jax.expert.space.regions import make_free_space, regions_around
@@ -78,7 +79,7 @@ def test_every_free_pose_is_in_a_region_and_regions_are_free(obstacles):
     free = 0
     for _ in range(150):
         pose = generator.uniform([0.3, -1.2, 0.156, -0.8], [2.7, 1.2, 0.319, 0.8])
-        space = make_free_space(scene, SETTINGS, pose, exact=True)
+        space = make_free_space(Problem(scene, pose, "rest", SETTINGS), exact=True)
         held = bool(regions_around(space, pose))
         assert held == bool(clearance(scene, pose) >= SETTINGS.clearance_margin + 5e-4)
         free += held
@@ -131,8 +132,8 @@ def test_a_gap_that_bounding_boxes_close():
     ]
     blocks = make_scene(SceneSettings(obstacles=gap, lower=(-1.5, -0.8, 0.155, -3.2), upper=(4.5, 1.2, 0.32, 3.2)))
     start = np.array([0.0, -0.2, 0.28, 0.0])
-    boxes = make_free_space(blocks, SETTINGS, start)
-    assert not list(find_routes(boxes, start, blocks.target, SETTINGS, "rest"))
+    problem = Problem(blocks, start, "rest", SETTINGS)
+    assert not list(RouteSearch(make_free_space(problem), problem).routes())
     solution = make_expert(blocks, SETTINGS).solve(start)
     assert solution.status == "solved", solution.cause
     assert solution.method == "fatrop"
@@ -171,7 +172,9 @@ def test_the_plane_has_no_way_under_the_table(scene):
 def test_the_plane_loses_time_over_the_start_distribution(scene):
     settings = SceneSettings()
     mean, std = np.array(settings.start.mean), np.array(settings.start.std)
-    starts = sample_starts(planar_scene(scene), [*mean[:2], 0.28, 0.0], [*std[:2], 0.0, 0.0], 12, 0.03, (0, 9)).poses
+    starts = sample_starts(
+        planar_scene(scene), np.array([*mean[:2], 0.28, 0.0]), np.array([*std[:2], 0.0, 0.0]), 12, 0.03, (0, 9)
+    ).poses
     comparison = compare_planners(scene, SETTINGS, starts)
     assert np.isfinite(comparison.lost).all()
     assert (comparison.lost > -1e-4 * comparison.spatial).all()
@@ -197,8 +200,8 @@ def test_norm_bound_of_the_planar_velocity():
     assert per_axis.duration == pytest.approx(float(analytic), rel=1e-4)
 
 
-def test_ladder_rescues_what_the_first_rung_cannot_do(scene, monkeypatch):
-    """A first rung with two iterations fails; the next one answers, and the label says so."""
+def test_later_attempts_rescue_what_the_first_cannot_do(scene, monkeypatch):
+    """A first attempt with two iterations fails; the next one answers, and the label says so."""
     from agile_jax.expert.programs import transcription
 
     crippled = dict(transcription.SOLVERS)
@@ -225,7 +228,7 @@ def test_labels_from_five_guesses_are_one(scene):
         first = expert.solve(start, condition)
         assert first.method == "fatrop"
         others = [expert.solve(start, condition, guess=g) for g in (1, 2, 3)]
-        for other in (*others, expert.solve(start, condition, first="ipopt")):
+        for other in (*others, expert.solve(start, condition, first_attempt="ipopt")):
             assert other.branch == first.branch
             poses, rates = largest_difference(first.trajectory, other.trajectory)
             assert poses < 1e-3

@@ -1,5 +1,6 @@
 """The expert's labels: analytic optima, uniqueness, symmetry, routes, determinism."""
 
+import inspect
 import subprocess
 import sys
 
@@ -8,9 +9,12 @@ import pytest
 from motion import largest_difference
 
 from agile_jax.expert import ExpertSettings, check_start, make_expert, minimum_time, planning_margin
-from agile_jax.expert.programs.initial_guess import make_arguments
-from agile_jax.expert.programs.transcription import Phase, build_program, solve_program
-from agile_jax.expert.search.routes import find_routes
+from agile_jax.expert.problem import Problem
+from agile_jax.expert.programs.initial_guess import make_inputs
+from agile_jax.expert.programs.layout import Phase
+from agile_jax.expert.programs.program import solve_program
+from agile_jax.expert.programs.transcription import build_program
+from agile_jax.expert.search.routes import RouteSearch
 from agile_jax.expert.space.footprint import footprint
 from agile_jax.expert.space.regions import make_free_space
 from agile_jax.scene import SceneSettings, clearance, make_scene
@@ -90,18 +94,17 @@ def test_two_tables_in_a_row():
 @pytest.mark.parametrize("condition", ["rest", "free"])
 def test_label_does_not_depend_on_guess_or_solver(scene, settings, condition):
     start = np.array([0.2, 0.35, 0.25, 0.0])
-    route = next(find_routes(make_free_space(scene, settings, start), start, scene.target, settings, condition))
+    problem = Problem(scene, start, condition, settings)
+    route = next(RouteSearch(make_free_space(problem), problem).routes())
     found = []
     generator = np.random.default_rng(0)
     for solver in ("fatrop", "ipopt"):
-        program = build_program([Phase(False, 0)] * len(route.regions), condition, settings, solver)
-        arguments = make_arguments(
-            route, planning_margin(settings), program, start, scene.target, settings, settings.effort_weight
-        )
+        program = build_program([Phase(False, 0)] * len(route.regions), condition == "rest", settings, solver)
+        inputs = make_inputs(problem, route, planning_margin(settings), program, settings.effort_weight)
         for trial in range(3):
-            noise = 0.05 * trial * generator.standard_normal(arguments.guess.shape)
-            guess = np.clip(arguments.guess + noise, arguments.lower, arguments.upper)
-            trajectory, _, success, *_ = solve_program(program, arguments._replace(guess=guess))
+            noise = 0.05 * trial * generator.standard_normal(inputs.guess.shape)
+            guess = np.clip(inputs.guess + noise, inputs.lower, inputs.upper)
+            trajectory, _, success, *_ = solve_program(program, inputs._replace(guess=guess))
             assert success
             found.append(trajectory)
     for other in found[1:]:
@@ -162,6 +165,28 @@ def test_hopeless_start_fails_with_its_cause(expert, settings):
     assert solution.cause.startswith("no route")
     assert solution.trajectory.states.shape == (settings.nodes + 1, 8)
     assert not solution.trajectory.states.any()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"initial_velocity": "Rest"}, 'initial_velocity = \'Rest\': must be "rest" or "free"'),
+        ({"first_attempt": "foo"}, "first_attempt = 'foo': must be one of fatrop, fatrop-careful, "),
+        ({"start": [0.0, 0.0, 0.28]}, r"start = \[0.0, 0.0, 0.28\]: must be 4 finite numbers"),
+        ({"start": [0.0, 0.0, np.nan, 0.0]}, "start = .*finite"),
+        ({"start": "here"}, "start = 'here': must be 4 numbers"),
+        ({"target": [np.inf, 0.0, 0.28, 0.0]}, "target = .*finite"),
+    ],
+)
+def test_arguments_of_solve_are_checked(expert, arguments, words):
+    solve = inspect.unwrap(type(expert).solve)  # without the check of types that these tests add
+    with pytest.raises(BadInput, match=words):
+        solve(expert, **{"start": PAPER_START} | arguments)
+
+
+def test_a_solution_is_told_in_one_line(expert, under):
+    assert repr(under) == f"ExpertSolution(solved: {under.duration:.3f} s, under, by certified)"
+    assert repr(expert.solve([1.5, 0.0, 0.3, 0.0])).startswith("ExpertSolution(failed: no route")
 
 
 @pytest.mark.parametrize(

@@ -90,7 +90,7 @@ def solved(obstacles, start, target, bounds, settings, condition):
     scene = make_scene(SceneSettings(obstacles=obstacles, target=tuple(map(float, target)), **bounds))
     solution = make_expert(scene, settings).solve(start, condition)
     if solution.status == "solved":
-        assert rejection(verify(scene, settings, solution.trajectory, start, condition)) == ""
+        assert rejection(verify(scene, settings, solution.trajectory, start, condition)) is None
         assert solution.duration >= solution.lower_bound * (1 - 1e-7)
     return solution
 

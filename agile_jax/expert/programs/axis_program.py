@@ -29,7 +29,7 @@ class AxisGrid(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """What limits each of n axes."""
+    """What limits each of n axes [m or rad, and s]."""
 
     velocity: np.ndarray  # (n,)
     acceleration: np.ndarray  # (n,)
@@ -38,11 +38,11 @@ class Bounds(NamedTuple):
 
 
 class Motion(NamedTuple):
-    """Of n axes on one grid."""
+    """The motion of n axes on one grid [m or rad, and s]."""
 
     positions: np.ndarray  # (N+1, n)
     rates: np.ndarray  # (N+1, n)
-    controls: np.ndarray  # (N, n)
+    controls: np.ndarray  # (N, n) accelerations
 
 
 def make_axis_grid(times: np.ndarray) -> AxisGrid:
@@ -50,25 +50,25 @@ def make_axis_grid(times: np.ndarray) -> AxisGrid:
     return AxisGrid(times, times[1:] - times[:-1], (times[1:] + times[:-1]) / 2)
 
 
-def integrate_axes(grid: AxisGrid, controls: np.ndarray, first: np.ndarray, initial_velocity: str) -> Motion:
+def integrate_axes(grid: AxisGrid, controls: np.ndarray, first: np.ndarray, from_rest: bool) -> Motion:
     """The motion that controls, shape (N, n), lead to from positions, shape (n,); a free initial velocity is the one
     that ends at rest."""
     steps = grid.steps[:, None]
     changes = steps * controls
     rates, positions = np.zeros((2, len(steps) + 1, len(first)))
     np.cumsum(changes, axis=0, out=rates[1:])
-    if initial_velocity == "free":
+    if not from_rest:
         rates -= rates[-1].copy()
     np.cumsum(steps * (rates[:-1] + changes / 2), axis=0, out=positions[1:])
     positions += first
     return Motion(positions, rates, controls)
 
 
-def least_effort(grid: AxisGrid, first: np.ndarray, last: np.ndarray, initial_velocity: str) -> np.ndarray:
+def least_effort(grid: AxisGrid, first: np.ndarray, last: np.ndarray, from_rest: bool) -> np.ndarray:
     """Controls (N, n) of least effort between positions, shape (n,) each, when nothing is bounded."""
     steps, middles = grid.steps, grid.middles
     moves = last - first
-    if initial_velocity == "free":
+    if not from_rest:
         return np.multiply.outer(middles, -moves / float(steps @ middles**2))
     left = grid.times[-1] - middles
     one, two, three = float(steps.sum()), float(steps @ left), float(steps @ left**2)
@@ -79,10 +79,9 @@ def least_effort(grid: AxisGrid, first: np.ndarray, last: np.ndarray, initial_ve
 class AxisSolver:
     """The program with its bounds, for grids of one number of intervals. Built once; holds no state between calls."""
 
-    def __init__(self, intervals: int, initial_velocity: str) -> None:
-        self._free = initial_velocity == "free"
-        self.initial_velocity = initial_velocity
-        self._fixed = 1 if self._free else 2  # rows of the end conditions: last position, and last rate when from rest
+    def __init__(self, intervals: int, from_rest: bool) -> None:
+        self.from_rest = from_rest
+        self._fixed = 2 if from_rest else 1  # rows of the end conditions: last position, and last rate when from rest
         rows = self._fixed + 2 * intervals - 1
         self._y, self._unit = np.zeros(intervals), np.ones(intervals)
         self._matrix = np.zeros((intervals, rows))  # transposed, which is how CasADi stores it
@@ -91,7 +90,7 @@ class AxisSolver:
         self._rates = slice(self._fixed, self._fixed + intervals)  # at the nodes 0 ... N-1
         self._positions = slice(self._fixed + intervals, rows)  # at the nodes 1 ... N-1
         later = np.triu(np.ones((intervals, intervals)), 1)  # whether node j is after interval k
-        self._moved = later - 1.0 if self._free else later
+        self._moved = later if from_rest else later - 1.0
         self._solver: Any = None
 
     def _build(self) -> None:
@@ -108,8 +107,8 @@ class AxisSolver:
         given = {"h": self._unit, "a": self._matrix.reshape(-1), "lba": self._low, "uba": self._high}
         given |= {"lbx": self._lbx, "ubx": self._ubx}
         for name, array in given.items():
-            self._buffer.set_arg(names.index(name), _memory(array))
-        self._buffer.set_res(self._solver.index_out("x"), _memory(self._y))
+            self._buffer.set_arg(names.index(name), array.data)
+        self._buffer.set_res(self._solver.index_out("x"), self._y.data)
 
     def load(self, grid: AxisGrid) -> None:
         """Take over a grid: rates and positions, for unit acceleration, as rows of the program."""
@@ -119,13 +118,13 @@ class AxisSolver:
         matrix, column = self._matrix, roots[:, None]
         np.multiply(self._moved, column, out=matrix[:, self._rates])
         nodes = grid.times[1:-1]
-        if self._free:
-            moved = -np.minimum(grid.middles[:, None], nodes)
-            matrix[:, 0] = -grid.middles * roots
-        else:
+        if self.from_rest:
             moved = np.maximum(nodes - grid.middles[:, None], 0.0)
             matrix[:, 0] = (grid.times[-1] - grid.middles) * roots
             matrix[:, 1] = roots
+        else:
+            moved = -np.minimum(grid.middles[:, None], nodes)
+            matrix[:, 0] = -grid.middles * roots
         np.multiply(moved, column, out=matrix[:, self._positions])
         self._lbx[:], self._ubx[:] = -roots, roots
 
@@ -156,8 +155,8 @@ def solve_axes(
         first, last: positions, shape (n,).
         bounds: of the axes; the first one is tried first.
     """
-    condition = solver.initial_velocity
-    motion = integrate_axes(grid, least_effort(grid, first, last, condition), first, condition)
+    from_rest = solver.from_rest
+    motion = integrate_axes(grid, least_effort(grid, first, last, from_rest), first, from_rest)
     bad = _broken(motion, bounds)
     if not bad.any():
         return motion
@@ -167,7 +166,7 @@ def solve_axes(
         one = slice(i, i + 1)
         own = Bounds(bounds.velocity[one], bounds.acceleration[one], bounds.lower[:, one], bounds.upper[:, one])
         controls[:, i] = solver.solve(first[i], last[i], own)
-        found = integrate_axes(grid, controls[:, one], first[one], condition)
+        found = integrate_axes(grid, controls[:, one], first[one], from_rest)
         if not abs(found.positions[-1, 0] - last[i]) <= TOLERANCE or _broken(found, own)[0]:
             return None
         motion.positions[:, i], motion.rates[:, i] = found.positions[:, 0], found.rates[:, 0]
@@ -181,7 +180,3 @@ def _broken(motion: Motion, bounds: Bounds) -> np.ndarray:
     slow = np.abs(rates).max(0) <= bounds.velocity + TOLERANCE
     weak = np.abs(controls).max(0) <= bounds.acceleration + TOLERANCE
     return np.asarray(~(inside.all(0) & slow & weak))
-
-
-def _memory(array: Any) -> memoryview:
-    return memoryview(array)

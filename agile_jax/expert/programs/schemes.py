@@ -11,12 +11,13 @@ exact motion under the same linear u each step is off by h^2 (u+ - u) / 12 in po
 The functions take whatever can be added and multiplied: numbers, arrays, CasADi expressions.
 """
 
-from typing import Any
+from typing import Any, TypeAlias
 
+Term: TypeAlias = Any  # a number, an array, or an expression of CasADi
 LINEAR = ("foh", "trapezoidal")  # controls are values at the nodes, linear in between
 
 
-def step(scheme: str, pose: Any, rate: Any, h: Any, u: Any, u_next: Any) -> tuple[Any, Any]:
+def step(scheme: str, pose: Term, rate: Term, h: Term, u: Term, u_next: Term) -> tuple[Term, Term]:
     """Pose and rate after an interval; `u_next` is not used by zoh."""
     if scheme == "zoh":
         return pose + h * rate + h**2 / 2 * u, rate + h * u
@@ -25,12 +26,12 @@ def step(scheme: str, pose: Any, rate: Any, h: Any, u: Any, u_next: Any) -> tupl
     return pose + h * rate + h**2 / 4 * (u + u_next), rate + h / 2 * (u + u_next)
 
 
-def square_integral(scheme: str, h: Any, u: Any, u_next: Any) -> Any:
+def square_integral(scheme: str, h: Term, u: Term, u_next: Term) -> Term:
     """Integral of u^2 over an interval."""
     return h * u**2 if scheme == "zoh" else h / 3 * (u**2 + u * u_next + u_next**2)
 
 
-def control_points(scheme: str, pose: Any, rate: Any, h: Any, u: Any, u_next: Any) -> list[Any]:
+def control_points(scheme: str, pose: Term, rate: Term, h: Term, u: Term, u_next: Term) -> list[Term]:
     """The pose's Bernstein coefficients over an interval but for its begin: the motion is in the convex hull of all."""
     end, end_rate = step(scheme, pose, rate, h, u, u_next)
     inner = [pose + h / 3 * rate, end - h / 3 * end_rate] if scheme == "foh" else [pose + h / 2 * rate]

@@ -2,15 +2,12 @@
 
 import numpy as np
 
+from agile_jax.geometry import support
 from agile_jax.scene import Scene, obstacle_boxes
 
-BRANCH_ORDER = (
-    "direct",
-    "under",
-    "left",
-    "right",
-    "over",
-)  # of equally good routes the first wins; others follow by name
+# Of equally good routes the first wins; others follow by name.
+BRANCH_ORDER = ("direct", "under", "left", "right", "over")
+AXES = np.eye(2)
 TOUCHING = 1e-6  # [m] a path along a face is beside the obstacle
 
 
@@ -29,7 +26,7 @@ def branch_name(scene: Scene, poses: np.ndarray) -> str:
 
     Args:
         scene: with all obstacles.
-        poses: of the nodes, shape (T+1, 4).
+        poses: at the nodes, shape (T+1, 4).
     """
     names = []
     torso, heights = scene.torso_half_size, poses[:, 2]
@@ -37,16 +34,15 @@ def branch_name(scene: Scene, poses: np.ndarray) -> str:
         center, half = scene.obstacle_centers[boxes[0]], scene.obstacle_half_sizes[boxes[0]]  # around all of them
         yaw = scene.obstacle_yaws[boxes[0]]
         apart = poses[:, :2] - center[:2]
-        cos, sin = np.abs(np.cos(poses[:, 3] - yaw)), np.abs(np.sin(poses[:, 3] - yaw))
+        turn = poses[:, 3] - yaw
         along, across = _turned(apart, yaw)
-        reach_along = half[0] + torso[0] * cos + torso[1] * sin
-        reach_across = half[1] + torso[0] * sin + torso[1] * cos
+        reach_along, reach_across = (half[i] + support(torso[:2], AXES[i], turn) for i in (0, 1))
         own_along, own_across = _turned(apart, poses[:, 3])
         overlaps = (
             (np.abs(along) < reach_along - TOUCHING)
             & (np.abs(across) < reach_across - TOUCHING)
-            & (np.abs(own_along) < torso[0] + half[0] * cos + half[1] * sin - TOUCHING)
-            & (np.abs(own_across) < torso[1] + half[0] * sin + half[1] * cos - TOUCHING)
+            & (np.abs(own_along) < torso[0] + support(half[:2], AXES[0], turn) - TOUCHING)
+            & (np.abs(own_across) < torso[1] + support(half[:2], AXES[1], turn) - TOUCHING)
         )
         if overlaps.any():
             names.append("under" if heights[overlaps.argmax()] < center[2] else "over")

@@ -24,7 +24,7 @@ def effort_bound(
     times: Sequence[np.ndarray],
     lower: Sequence[np.ndarray],
     upper: Sequence[np.ndarray],
-    initial_velocity: str,
+    from_rest: bool,
 ) -> np.ndarray:
     """Lower bound on the integral of p''^2 of n axes, for m choices of the times. Shape (n, m).
 
@@ -33,15 +33,15 @@ def effort_bound(
         duration: of the motion [s].
         times: of each gate, shape (m,) [s].
         lower, upper: of each gate, shape (n, 1).
+        from_rest: whether the motion begins at rest, else with free velocity.
     """
-    rest = initial_velocity == "rest"
     moves = last - first
-    energy = (12.0 if rest else 3.0) * moves**2 / duration**3 * np.ones_like(times[0])
+    energy = (12.0 if from_rest else 3.0) * moves**2 / duration**3 * np.ones_like(times[0])
     shares = [time / duration for time in times]
-    cubics = [first + moves * (s**2 * (3 - 2 * s) if rest else s * (3 - s**2) / 2) for s in shares]
+    cubics = [first + moves * (s**2 * (3 - 2 * s) if from_rest else s * (3 - s**2) / 2) for s in shares]
     count = range(len(times))
     influence = {
-        (a, b): _influence(np.minimum(shares[a], shares[b]), np.maximum(shares[a], shares[b]), rest) * duration**3
+        (a, b): _influence(np.minimum(shares[a], shares[b]), np.maximum(shares[a], shares[b]), from_rest) * duration**3
         for a in count
         for b in count
         if a <= b
@@ -63,10 +63,10 @@ def effort_bound(
     return energy
 
 
-def _influence(x: np.ndarray, a: np.ndarray, rest: bool) -> np.ndarray:
+def _influence(x: np.ndarray, a: np.ndarray, from_rest: bool) -> np.ndarray:
     """Deflection at x of a beam of unit length and stiffness under a unit force at a >= x."""
     b = np.maximum(1 - a, 1e-6)
     x = np.maximum(x, 1e-6)
-    if rest:
+    if from_rest:
         return b**2 * x**2 * (3 * a - x * (3 * a + b)) / 6
     return b**2 * x * (3 * a - (2 + a) * x**2) / 12

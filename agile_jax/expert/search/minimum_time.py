@@ -13,23 +13,35 @@ with rest in between.
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from agile_jax.expert.settings import ExpertSettings
+from agile_jax.expert.problem import Problem
+from agile_jax.expert.settings import ExpertSettings, InitialVelocity
+
+Box = tuple[Sequence[float], Sequence[float]]  # (lower, upper) of poses, each (4,)
+Numbers = Float[np.ndarray, "*#shape"] | float
 
 
-def minimum_time(distance: Any, velocity: Any, acceleration: Any, initial_velocity: str = "rest") -> Any:
+class KnownAxis(NamedTuple):
+    """An axis whose motion is known."""
+
+    axis: int
+    effort: float  # integral of (u / a)^2 [s]
+    duration: float  # [s]
+
+
+def minimum_time(
+    distance: Numbers, velocity: Numbers, acceleration: Numbers, initial_velocity: InitialVelocity = "rest"
+) -> Float[np.ndarray, "*shape"]:
     """Least time to cover `distance` and stop there [s].
 
     Args:
-        distance: |target - start| per axis, shape (...) [m or rad].
-        velocity, acceleration: bounds, broadcast against `distance`.
+        distance: target - start per axis [m or rad].
+        velocity, acceleration: bounds [m/s, m/s^2 or rad/s, rad/s^2].
         initial_velocity: "rest", or "free" for the best initial velocity within its bound.
-
-    Returns:
-        Shape (...).
     """
     distance = np.abs(distance)
     ramps = 1.0 if initial_velocity == "rest" else 0.5  # ramps between rest and full speed, in units of V/A
@@ -38,14 +50,17 @@ def minimum_time(distance: Any, velocity: Any, acceleration: Any, initial_veloci
     return np.where(distance >= ramps * velocity**2 / acceleration, cruising, short)
 
 
-def lower_bound(start: np.ndarray, target: np.ndarray, settings: ExpertSettings, initial_velocity: str) -> float:
-    """Least duration that any trajectory from `start` to `target`, poses of shape (4,), can have [s]."""
-    velocity, acceleration = np.array(settings.velocity), np.array(settings.acceleration)
-    times = minimum_time(target - start, velocity, acceleration, initial_velocity)
-    return float(times.max())
+def lower_bound(
+    start: Float[np.ndarray, "4"],
+    target: Float[np.ndarray, "4"],
+    settings: ExpertSettings,
+    initial_velocity: InitialVelocity,
+) -> float:
+    """Least duration that any trajectory between two poses [m, rad] can have [s]."""
+    return float(minimum_time(target - start, *settings.limits, initial_velocity).max())
 
 
-def turning_legs(points: Any) -> list[float]:
+def turning_legs(points: Sequence[float]) -> list[float]:
     """Lengths of the monotone runs of the positions, shape (n,), on one axis."""
     legs: list[float] = []
     direction = 0.0
@@ -69,13 +84,13 @@ def leg_time(distance: float, velocity: float, acceleration: float, ramps: float
     return math.sqrt(4.0 * ramps * distance / acceleration)
 
 
-def passing_times(points: Sequence[float], velocity: float, acceleration: float, first: str) -> list[float]:
-    """Least times in which one axis, at rest or with free velocity at the `first` of its positions, passes the second,
+def passing_times(points: Sequence[float], velocity: float, acceleration: float, from_rest: bool) -> list[float]:
+    """Least times in which one axis, at rest or with free velocity at the first of its positions, passes the second,
     the third, ... (n - 1,) [s].
 
     Where the axis turns it is at rest, so each leg needs its least time.
     """
-    begun = 1.0 if first == "rest" else 0.5  # ramps of the present leg if it ended at rest
+    begun = 1.0 if from_rest else 0.5  # ramps of the present leg if it ended at rest
     past = leg = direction = 0.0  # time of the legs before, length and direction of the present one
     times = []
     for a, b in itertools.pairwise(points):
@@ -90,15 +105,15 @@ def passing_times(points: Sequence[float], velocity: float, acceleration: float,
     return times
 
 
-def axis_time(points: Sequence[float], velocity: float, acceleration: float, first: str) -> float:
-    """Least time of one axis through positions in order, at rest or with free velocity at the `first`, at rest at the
+def axis_time(points: Sequence[float], velocity: float, acceleration: float, from_rest: bool) -> float:
+    """Least time of one axis through positions in order, at rest or with free velocity at the first, at rest at the
     last [s]."""
     legs = turning_legs(points)
-    ramps = [0.5 if j == 0 and first == "free" else 1.0 for j in range(len(legs))]
-    return sum(leg_time(leg, velocity, acceleration, ramp) for leg, ramp in zip(legs, ramps, strict=True))
+    ramps = [0.5 if j == 0 and not from_rest else 1.0 for j in range(len(legs))]
+    return sum((leg_time(leg, velocity, acceleration, ramp) for leg, ramp in zip(legs, ramps, strict=True)), 0.0)
 
 
-def laziest_points(start: float, boxes: Sequence[tuple[float, float]]) -> list[float]:
+def least_motion(start: float, boxes: Sequence[tuple[float, float]]) -> list[float]:
     """The positions of an axis that moves only when the next interval (lower, upper) demands it, (n + 1,)."""
     points = [start]
     for low, high in boxes:
@@ -106,27 +121,22 @@ def laziest_points(start: float, boxes: Sequence[tuple[float, float]]) -> list[f
     return points
 
 
-def boundary_times(
-    start: Sequence[float],
-    boxes: Sequence[tuple[Sequence[float], Sequence[float]]],
-    target: Sequence[float],
-    settings: ExpertSettings,
-    initial_velocity: str,
-) -> tuple[list[float], list[float]]:
+def crossing_time_bounds(problem: Problem, boxes: Sequence[Box]) -> tuple[list[float], list[float]]:
     """Lower bounds on the times from the start to each of the boxes that are visited in order, and from each of them
-    to rest at the target [s]. Arguments as for `route_bounds`.
+    to rest at the target [s].
 
     The slowest axis decides, all the way or from one box to the next at full speed.
     """
     before, after = [0.0] * len(boxes), [0.0] * len(boxes)
     if not boxes:
         return before, after
+    start, target, settings = problem.start.tolist(), problem.target.tolist(), problem.settings
     apart = [0.0] * len(boxes)  # from the box before [s]
     for i, (velocity, acceleration) in enumerate(zip(settings.velocity, settings.acceleration, strict=True)):
         intervals = [(low[i], high[i]) for low, high in boxes]
-        forward, backward = laziest_points(start[i], intervals), laziest_points(target[i], intervals[::-1])
-        passed = passing_times(forward, velocity, acceleration, initial_velocity)
-        left = passing_times(backward, velocity, acceleration, "rest")[::-1]
+        forward, backward = least_motion(start[i], intervals), least_motion(target[i], intervals[::-1])
+        passed = passing_times(forward, velocity, acceleration, problem.from_rest)
+        left = passing_times(backward, velocity, acceleration, True)[::-1]
         before = [max(pair) for pair in zip(before, passed, strict=True)]
         after = [max(pair) for pair in zip(after, left, strict=True)]
         for p in range(1, len(boxes)):
@@ -139,14 +149,7 @@ def boundary_times(
     return before, after
 
 
-def route_bounds(
-    start: Sequence[float],
-    boxes: Sequence[tuple[Sequence[float], Sequence[float]]],
-    target: Sequence[float],
-    settings: ExpertSettings,
-    initial_velocity: str,
-    known: tuple[int, float, float] | None = None,
-) -> tuple[float, float]:
+def route_bounds(problem: Problem, boxes: Sequence[Box], known: KnownAxis | None = None) -> tuple[float, float]:
     """Lower bounds on the duration [s] and on the objective T + w E of every path that visits boxes in order.
 
     All axes are in box p at the same time, so the slowest axis up to it and the slowest axis after it add up. The
@@ -154,26 +157,26 @@ def route_bounds(
     velocity); over the split of T into legs the least sum of c_j / t_j^3 is (sum c_j^(1/4))^4 / T^3.
 
     Args:
-        start, target: poses, shape (4,). Plain numbers are faster than arrays.
-        boxes: (lower, upper), each of shape (4,).
-        known: an axis whose effort is known for a known duration, this effort and the duration; the bound of the
-            objective is then for paths of that duration.
+        problem: start, target and bounds count.
+        boxes: of poses. Plain numbers are faster than arrays.
+        known: the bound of the objective is then for paths of that duration.
     """
-    before, after = boundary_times(start, boxes, target, settings, initial_velocity)
+    start, target, settings = problem.start.tolist(), problem.target.tolist(), problem.settings
+    before, after = crossing_time_bounds(problem, boxes)
     duration, effort = max((a + b for a, b in zip(before, after, strict=True)), default=0.0), 0.0
     for i, (velocity, acceleration) in enumerate(zip(settings.velocity, settings.acceleration, strict=True)):
         intervals = [(low[i], high[i]) for low, high in boxes]
-        forward = [*laziest_points(start[i], intervals), target[i]]
-        duration = max(duration, axis_time(forward, velocity, acceleration, initial_velocity))
-        if known is not None and i == known[0]:
+        forward = [*least_motion(start[i], intervals), target[i]]
+        duration = max(duration, axis_time(forward, velocity, acceleration, problem.from_rest))
+        if known is not None and i == known.axis:
             continue
         roots = 0.0
         for j, leg in enumerate(turning_legs(forward)):
-            roots += (3.0 if j == 0 and initial_velocity == "free" else 12.0) ** 0.25 * leg**0.5
+            roots += (3.0 if j == 0 and not problem.from_rest else 12.0) ** 0.25 * leg**0.5
         effort += roots**4 / acceleration**2
     if known is not None:
-        _, least, time = known
-        return duration, time + settings.effort_weight * (least + effort / max(time, 1e-9) ** 3)
+        objective = settings.effort_weight * (known.effort + effort / max(known.duration, 1e-9) ** 3)
+        return duration, known.duration + objective
     weighted = settings.effort_weight * effort
     best = max(duration, (3 * weighted) ** 0.25, 1e-9)  # minimises T + w c / T^3 over T >= duration
     return duration, best + weighted / best**3

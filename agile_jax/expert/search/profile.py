@@ -12,8 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from agile_jax.expert.problem import Problem
 from agile_jax.expert.search.minimum_time import minimum_time
-from agile_jax.expert.settings import ExpertSettings
 
 SHORTEST = 1e-9  # [s] switches nearer to each other are one
 
@@ -68,14 +68,14 @@ class Profile(NamedTuple):
         return self.start + self.sign * covered, self.sign * speed, controls
 
 
-def slowest_axis(start: np.ndarray, target: np.ndarray, settings: ExpertSettings, initial_velocity: str) -> Profile:
-    """The least-time motion of the axis that determines the lower bound; start and target of shape (4,)."""
-    moves = target - start
-    times = minimum_time(moves, np.array(settings.velocity), np.array(settings.acceleration), initial_velocity)
+def slowest_axis(problem: Problem) -> Profile:
+    """The least-time motion of the axis that determines the lower bound."""
+    start, settings, rest = problem.start, problem.settings, problem.from_rest
+    moves = problem.target - start
+    times = minimum_time(moves, *settings.limits, problem.initial_velocity)
     axis = int(np.argmax(times))
     distance, velocity = abs(float(moves[axis])), settings.velocity[axis]
     acceleration, duration = settings.acceleration[axis], float(times[axis])
-    rest = initial_velocity == "rest"
     peak = min(velocity, math.sqrt((1.0 if rest else 2.0) * acceleration * distance))
     ramp = peak / acceleration
     return Profile(

@@ -9,16 +9,16 @@ it gets a phase of its own, in which the torso keeps m from a plane through the 
 whose angle t is free in every interval and the same at both of its ends. Two convex bodies are m apart exactly when
 such a plane exists, so this is the exact clearance, up to the number of intervals.
 
-The phase lies between two planes: the pinned face as enlarged by the margin, and as it is. A path along the route
-leaves the one for the last time before it reaches the other, so these pins cost nothing, as the route's own.
+The phase lies between two planes: the crossed face as enlarged by the margin, and as it is. A path along the route
+leaves the one for the last time before it reaches the other, so these crossings cost nothing, as the route's own.
 """
 
 from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.expert.space.boundaries import Boundary
-from agile_jax.expert.space.faces import NO_ROW, PARALLEL, Ends, Face, half_space_box
+from agile_jax.expert.space.cells import PARALLEL, EndPoses, Face, half_space_box
+from agile_jax.expert.space.crossings import Crossing
 from agile_jax.expert.space.polygons import clip
 from agile_jax.expert.space.regions import FreeSpace, Region, holds, rectangle
 
@@ -26,47 +26,54 @@ Box = tuple[np.ndarray, np.ndarray]  # (lower, upper) of the pose, each (4,)
 
 
 class Passage(NamedTuple):
-    """How a route gets from one region to the next: across one boundary, or across two with a phase in between."""
+    """How a route gets from one region to the next: across one crossing, or across two with a phase in between."""
 
-    boundaries: tuple[Boundary, ...]
+    crossings: tuple[Crossing, ...]
     between: Region | None = None
 
 
-def round_edge(space: FreeSpace, obstacle: int, before: Region, after: Region, pin: Face, ends: Ends) -> Passage | None:
-    """The passage around the edge between two regions that differ in the side of one obstacle.
+def round_edge(
+    space: FreeSpace, obstacle: int, before: Region, after: Region, crossed: Face, end_poses: EndPoses
+) -> Passage | None:
+    """The passage around the edge between two regions that differ in the cell of one obstacle.
 
-    None where the corner stays square: one of the sides has several faces (below a table with legs), there is no edge
-    between the two, start or target (`ends`) lies between the two planes, or another obstacle leaves no room for one
-    of them.
+    None where the corner stays square: one of the cells has several faces (below a table with legs), there is no edge
+    between the two, start or target (`end_poses`) lies between the two planes, or another obstacle leaves no room for
+    one of them.
 
     Args:
-        pin: the face, out of the two sides', that the boundary is on.
+        crossed: the face, out of the two cells', that the crossing is on.
     """
-    sides = [space.sides[obstacle][region.sides[obstacle]] for region in (before, after)]
-    if any(len(side.faces) != 1 for side in sides):
+    cells = [space.cells[obstacle][region.cells[obstacle]] for region in (before, after)]
+    if any(len(cell.faces) != 1 for cell in cells):
         return None
-    first, second = (side.faces[0] for side in sides)
-    leaving = pin is first
+    first, second = (cell.faces[0] for cell in cells)
+    leaving = crossed is first
     other, beyond = (second, after) if leaving else (first, before)
-    if not other.normal.any() or abs(pin.normal @ other.normal) > PARALLEL:
+    if not other.crossable or abs(crossed.normal @ other.normal) > PARALLEL:
         return None
     margin = space.margin
-    bare, bare_other = _without(pin, margin), _without(other, margin)
-    for pose in ends:
-        if bare.value < pin.normal @ pose[:3] < pin.value + pin.reach and holds(space, beyond, pose):
+    bare, bare_other = _without(crossed, margin), _without(other, margin)
+    for pose in end_poses:
+        if bare.value < crossed.normal @ pose[:3] < crossed.value + crossed.reach and holds(space, beyond, pose):
             return None
 
-    chosen = zip(before.sides, space.sides, strict=True)
+    chosen = zip(before.cells, space.cells, strict=True)
     rest = [around[i] for o, (i, around) in enumerate(chosen) if o != obstacle]
-    low = np.max([space.lower, *(side.lower for side in rest)], axis=0)
-    high = np.min([space.upper, *(side.upper for side in rest)], axis=0)
-    boundaries = []
-    for plane, least in ((pin, bare_other), (bare, other)):
+    low = np.max([space.lower, *(cell.lower for cell in rest)], axis=0)
+    high = np.min([space.upper, *(cell.upper for cell in rest)], axis=0)
+    crossings = []
+    for plane, least in ((crossed, bare_other), (bare, other)):
         box = _cut(
             space.exact,
             (low, high),
             [
-                *((face.normal, face.value) for side in rest for face in side.faces if face.row is not NO_ROW),
+                *(
+                    (face.normal, face.value)
+                    for cell in rest
+                    for face in cell.faces
+                    if face.row is not None and face.crossable
+                ),
                 (plane.normal, plane.value),
                 (-plane.normal, -(plane.value + plane.reach)),
                 (least.normal, least.value),
@@ -74,18 +81,16 @@ def round_edge(space: FreeSpace, obstacle: int, before: Region, after: Region, p
         )
         if box is None:
             return None
-        boundaries.append(Boundary(plane, tuple(box[0].tolist()), tuple(box[1].tolist())))
-    faces = before.faces.copy()
-    row = sum(space.rows[:obstacle])
-    faces[row : row + space.rows[obstacle]] = NO_ROW
+        crossings.append(Crossing(plane, tuple(box[0].tolist()), tuple(box[1].tolist())))
+    rows = np.array([row for cell in rest for row in cell.rows]).reshape(-1, 4)
     planes = np.array([[*face.normal, face.value - face.least] for face in (bare, bare_other)])
-    region = Region(after.sides, low, high, faces, (), planes)
-    return Passage(tuple(boundaries if leaving else reversed(boundaries)), region)
+    region = Region(after.cells, low, high, rows, (), planes)
+    return Passage(tuple(crossings if leaving else reversed(crossings)), region)
 
 
 def _without(face: Face, margin: float) -> Face:
     """A face that is not enlarged by the margin."""
-    row = face.row if face.row is NO_ROW else face.row - [0.0, 0.0, 0.0, margin]
+    row = None if face.row is None else face.row - [0.0, 0.0, 0.0, margin]
     return face._replace(value=face.value - margin, row=row)
 
 

@@ -17,7 +17,14 @@ import numpy as np
 from agile_jax.scene import BOX_FACES
 
 SAME = 1e-9  # [m] nearer planes are one: legs are flush with their table up to rounding
-Plane = tuple[int, int, int]  # axis, sign, number of the box beyond whose side on (axis, sign) everything lies
+
+
+class Plane(NamedTuple):
+    """That of a given box's face, which an empty box lies beyond."""
+
+    axis: int
+    sign: int  # of the face's normal along the axis
+    box: int  # its number
 
 
 class EmptyBox(NamedTuple):
@@ -40,12 +47,12 @@ class EmptyBox(NamedTuple):
     def beyond(self, number: int, axis: int, sign: int, value: float) -> "EmptyBox | None":
         """What of it lies beyond a plane; None when that is nothing."""
         planes = tuple(plane for plane in self.planes if plane[:2] != (axis, sign))
-        at = (axis, sign, number)
+        plane = Plane(axis, sign, number)
         if sign > 0:
             lower = (*self.lower[:axis], value, *self.lower[axis + 1 :])
-            return EmptyBox(lower, self.upper, (*planes, at)) if value < self.upper[axis] - SAME else None
+            return EmptyBox(lower, self.upper, (*planes, plane)) if value < self.upper[axis] - SAME else None
         upper = (*self.upper[:axis], value, *self.upper[axis + 1 :])
-        return EmptyBox(self.lower, upper, (*planes, at)) if value > self.lower[axis] + SAME else None
+        return EmptyBox(self.lower, upper, (*planes, plane)) if value > self.lower[axis] + SAME else None
 
 
 def largest_empty_boxes(lower: np.ndarray, upper: np.ndarray) -> list[EmptyBox]:

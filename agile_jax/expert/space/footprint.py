@@ -2,6 +2,10 @@
 
 import numpy as np
 
+from agile_jax.geometry import support
+
+ALONG_X = np.array([1.0, 0.0])
+
 
 def footprint(half_size: np.ndarray, yaws: tuple[float, float]) -> np.ndarray:
     """Half sizes (2,) of the axis-aligned rectangle that holds a rectangle at every yaw in an interval [m]."""
@@ -11,7 +15,7 @@ def footprint(half_size: np.ndarray, yaws: tuple[float, float]) -> np.ndarray:
         peak = np.arctan2(b, a)  # |a cos| + |b sin| is largest here, and by symmetry at the mirrored angles
         peaks = [sign * peak + turn * np.pi for sign in (-1, 1) for turn in range(-3, 4)]
         yaws_to_try = [low, high, *(p for p in peaks if low <= p <= high)]
-        result.append(max(abs(a * np.cos(yaw)) + abs(b * np.sin(yaw)) for yaw in yaws_to_try))
+        result.append(support(np.array([a, b]), ALONG_X, np.array(yaws_to_try)).max())
     return np.array(result)
 
 
@@ -25,5 +29,5 @@ def footprint_range(half_size: np.ndarray, normal: np.ndarray, yaws: tuple[float
     # Between its kinks at multiples of a quarter turn the support is concave.
     kinks = np.arange(np.ceil(low / (np.pi / 2)), np.floor(high / (np.pi / 2)) + 1) * np.pi / 2
     candidates = np.array([low, high, *kinks])
-    values = half_size[0] * np.abs(np.cos(candidates)) + half_size[1] * np.abs(np.sin(candidates))
+    values = support(half_size[:2], ALONG_X, candidates)
     return length * float(values.min()), length * float(footprint(half_size, (low, high))[0])

@@ -2,34 +2,31 @@
 
 from collections.abc import Iterable, Sequence
 
-import numpy as np
-
-from agile_jax.expert.space.boundaries import find_boundaries
+from agile_jax.expert.problem import Problem
+from agile_jax.expert.space.crossings import find_crossings
 from agile_jax.expert.space.edges import Passage, round_edge
 from agile_jax.expert.space.regions import Choice, FreeSpace, Region, holds, make_region
 
 
 class Graph:
-    """Regions and the boundaries between them, made when they are first asked for."""
+    """Regions and the crossings between them, made when they are first asked for."""
 
-    def __init__(
-        self, space: FreeSpace, priority: Sequence[int], start: np.ndarray, target: np.ndarray, rounded: bool
-    ) -> None:
-        self._space, self._priority, self._target = space, priority, target
-        self._rounded = (start, target) if rounded else None
+    def __init__(self, space: FreeSpace, priority: Sequence[int], problem: Problem, rounded: bool) -> None:
+        self._space, self._priority, self._target = space, priority, problem.target
+        self._rounded = (problem.start, problem.target) if rounded else None
         self.regions: dict[Choice, Region] = {}
         self._empty: set[Choice] = set()
-        self._ends: dict[Choice, bool] = {}
+        self._holding_target: dict[Choice, bool] = {}
         self._neighbours: dict[Choice, dict[Choice, list[Passage]]] = {}
 
     def neighbours(self, choice: Choice) -> dict[Choice, list[Passage]]:
-        """Regions that differ in the side of one obstacle, in a fixed order, with the passages to them."""
+        """Regions that differ in the cell of one obstacle, in a fixed order, with the passages to them."""
         if choice not in self._neighbours:
             found = {}
-            for obstacle, side in enumerate(choice):
-                for other in range(len(self._space.sides[obstacle])):
+            for obstacle, cell in enumerate(choice):
+                for other in range(len(self._space.cells[obstacle])):
                     there = (*choice[:obstacle], other, *choice[obstacle + 1 :])
-                    if other != side and self._exists(there):
+                    if other != cell and self._exists(there):
                         passages = self._passages(obstacle, self.regions[choice], self.regions[there])
                         if passages:
                             found[there] = passages
@@ -37,21 +34,21 @@ class Graph:
         return self._neighbours[choice]
 
     def _passages(self, obstacle: int, before: Region, after: Region) -> list[Passage]:
-        """The ways from one region to another that differs in the side of one obstacle; with rounded edges, where
+        """The ways from one region to another that differs in the cell of one obstacle; with rounded edges, where
         these have one."""
         passages = []
-        for boundary in find_boundaries(self._space, obstacle, before, after, self._priority):
+        for crossing in find_crossings(self._space, obstacle, before, after, self._priority):
             around = None
             if self._rounded is not None:
-                around = round_edge(self._space, obstacle, before, after, boundary.pin, self._rounded)
-            passages.append(around or Passage((boundary,)))
+                around = round_edge(self._space, obstacle, before, after, crossing.face, self._rounded)
+            passages.append(around or Passage((crossing,)))
         return passages
 
-    def ends(self, choice: Choice) -> bool:
+    def holds_target(self, choice: Choice) -> bool:
         """Whether a region holds the target."""
-        if choice not in self._ends:
-            self._ends[choice] = holds(self._space, self.regions[choice], self._target)
-        return self._ends[choice]
+        if choice not in self._holding_target:
+            self._holding_target[choice] = holds(self._space, self.regions[choice], self._target)
+        return self._holding_target[choice]
 
     def connects(self, starts: Iterable[Choice]) -> bool:
         """Whether any sequence of neighbours leads from one of the regions to one that holds the target."""
@@ -59,7 +56,7 @@ class Graph:
         waiting = list(seen)
         while waiting:
             choice = waiting.pop()
-            if self.ends(choice):
+            if self.holds_target(choice):
                 return True
             fresh = [there for there in self.neighbours(choice) if there not in seen]
             seen.update(fresh)

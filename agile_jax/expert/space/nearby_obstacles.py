@@ -13,23 +13,25 @@ import itertools
 
 import numpy as np
 
+from agile_jax.expert.problem import Problem
 from agile_jax.scene import Scene, obstacle_clearances
 
-LINE = 40  # poses on a straight line
-FEW = 2  # obstacles, of which those in the way are taken at once: they are nearly always met
+LINE_POSES = 40  # poses on a straight line
+FEW_OBSTACLES = 2  # obstacles, of which those in the way are taken at once: they are nearly always met
 
 
-def first_obstacles(scene: Scene, start: np.ndarray, margin: float) -> np.ndarray:
+def first_obstacles(problem: Problem, margin: float) -> np.ndarray:
     """Which obstacles to begin with: of few those that, grown by torso and margin, reach into the rectangle around
     start and target; else none. Shape (n,), bool."""
+    scene, start = problem.scene, problem.start
     numbers = scene.obstacle_numbers.tolist()
-    if len(set(numbers)) > FEW:
+    if len(set(numbers)) > FEW_OBSTACLES:
         return np.zeros(len(numbers), bool)
     low, high = np.minimum(start, scene.target)[:2], np.maximum(start, scene.target)[:2]
     radius = np.hypot(*scene.obstacle_half_sizes[:, :2].T) + np.hypot(*scene.torso_half_size[:2])  # at any yaw
     reach, centers = (radius + margin)[:, None], scene.obstacle_centers[:, :2]
-    near = ((centers + reach > low) & (centers - reach < high)).all(1)
-    met = {number for number, is_near in zip(numbers, near.tolist(), strict=True) if is_near}
+    within = ((centers + reach > low) & (centers - reach < high)).all(1)
+    met = {number for number, is_within in zip(numbers, within.tolist(), strict=True) if is_within}
     return np.array([number in met for number in numbers], bool)
 
 
@@ -39,9 +41,9 @@ def with_obstacles(scene: Scene, chosen: np.ndarray) -> Scene:
     return scene._replace(**fields)
 
 
-def along(points: np.ndarray) -> np.ndarray:
+def straight_path(points: np.ndarray) -> np.ndarray:
     """Poses on the straight lines between points, shape (p, 4)."""
-    shares = np.linspace(0, 1, LINE, endpoint=False)[:, None]
+    shares = np.linspace(0, 1, LINE_POSES, endpoint=False)[:, None]
     lines = [a + shares * (b - a) for a, b in itertools.pairwise(points)]
     return np.concatenate([*lines, points[-1:]])
 
@@ -49,7 +51,7 @@ def along(points: np.ndarray) -> np.ndarray:
 def first_met(scene: Scene, poses: np.ndarray, margin: float) -> int | None:
     """The number (`Scene.obstacle_numbers`) of the obstacle that a path through poses, shape (m, 4), is the first to
     come nearer to than the margin."""
-    near = obstacle_clearances(scene, poses) < margin
-    if not near.any():
+    close = obstacle_clearances(scene, poses) < margin  # (m, n)
+    if not close.any():
         return None
-    return int(scene.obstacle_numbers[np.argmin(np.where(near.any(0), near.argmax(0), len(poses)))])
+    return int(scene.obstacle_numbers[np.argmin(np.where(close.any(0), close.argmax(0), len(poses)))])
