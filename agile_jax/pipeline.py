@@ -145,23 +145,9 @@ def _dataset(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEng
 
 
 def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.dataset import load
     from agile_jax.training import train
 
-    train(
-        load(run_dir / "dataset"),
-        experiment.scene,
-        experiment.expert,
-        experiment.policy,
-        experiment.training,
-        experiment.seed,
-        run_dir / "training",
-        progress,
-        experiment.dataset,
-        experiment.kinematic_test,
-        experiment.aggregation,
-        open_engine,
-    )
+    train(experiment, run_dir, open_engine, progress)
 
 
 def _evaluation(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:

@@ -10,14 +10,12 @@ from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.shard import RESIDUALS, SCHEMA, check_shard
 from agile_jax.expert import Residuals, rejection
 from agile_jax.files import read_json, sha256
-from agile_jax.scene import POSE_SIZE
+from agile_jax.scene import POSE_SIZE, streams
 from agile_jax.settings import BadInput
 from agile_jax.store.npz import Arrays, read_npz
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
-SPLIT_STREAM = 2
-SAMPLE_STREAM = 3
 GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -123,7 +121,7 @@ def split_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> Boo
     A pure function of (seed, trajectory index), whatever else is in the dataset: a golden-ratio sequence with an
     offset from the seed, which keeps the fractions in every stretch of indices.
     """
-    offset = np.random.Generator(np.random.Philox(np.random.SeedSequence((dataset.seed, SPLIT_STREAM)))).random()
+    offset = np.random.Generator(np.random.Philox(np.random.SeedSequence((dataset.seed, streams.SPLIT)))).random()
     position = (offset + dataset.indices * GOLDEN) % 1.0
     edges = np.cumsum((0.0, *settings.split))
     i = SPLITS.index(split)
@@ -156,7 +154,7 @@ def samples(
 def _sample_mask(dataset: Dataset, split: Split, settings: DatasetSettings) -> Bool[np.ndarray, "n nodes"]:
     """Which samples belong to a split when they are dealt out one by one; a function of the seed."""
     shape = dataset.states.shape[:2]
-    sequence = np.random.SeedSequence((dataset.seed, SAMPLE_STREAM))
+    sequence = np.random.SeedSequence((dataset.seed, streams.SAMPLE_SPLIT))
     order = np.random.Generator(np.random.Philox(sequence)).permutation(np.prod(shape))
     edges = np.round(np.cumsum((0.0, *settings.split)) * len(order)).astype(int)
     i = SPLITS.index(split)

@@ -23,10 +23,10 @@ from agile_jax.scene import (
     make_scene,
     obstacle_boxes,
     sample_starts,
+    streams,
 )
 from agile_jax.settings import BadInput
 
-START_STREAM = 1  # separates the generators of different purposes under one seed
 MAX_DRAWS = 10_000
 
 
@@ -54,7 +54,7 @@ def draw_start(
         BadInput: hardly any start is free.
     """
     margin = planning_margin(expert)
-    key = (seed, START_STREAM, index)
+    key = (seed, streams.LABEL_STARTS, index)
     if settings.starts == "paper":
         return _of_the_scene(scene, scene_settings, expert, 1, key)
 

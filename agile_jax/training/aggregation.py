@@ -2,8 +2,8 @@
 learning and structured prediction to no-regret online learning", AISTATS 2011).
 
 A clone errs where its own errors have led it, and there the expert's paths are thin. After a round the policy is
-rolled out; on the rollouts that failed or came nearest to an obstacle, poses shortly before and after are
-given to the expert, whose paths from there join the training samples.
+followed by a kinematic robot; on the runs that failed or came nearest to an obstacle, poses shortly before and after
+are given to the expert, whose paths from there join the training samples.
 
     training/round-0/           a training like any other, with its checkpoints
     training/round-0/queries/   the expert's answers (store/parts.py)
@@ -13,28 +13,28 @@ A round's checkpoint names the hash of all answers before it, so that a killed t
 """
 
 import pathlib
-from collections.abc import Callable
-from typing import Any, NamedTuple
+import tempfile
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
-from agile_jax.dataset import Answers, unseen_starts
-from agile_jax.expert import ExpertSettings, planning_margin
+from agile_jax.dataset import Answers, ask
+from agile_jax.expert import planning_margin
 from agile_jax.policy.network import PolicyParameters
-from agile_jax.policy.policy import Policy
 from agile_jax.progress import Progress, silent
-from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, clearance, make_scene
-from agile_jax.training.epochs import SI
-from agile_jax.training.fit import Fitted, Labels, Watch, fit_policy
+from agile_jax.scene import POSE_SIZE, Scene, clearance, make_scene, streams
+from agile_jax.store.parts import OpenEngine
+from agile_jax.training.fit import FitProblem, Fitted, Keeping, fit_policy
 from agile_jax.training.kinematic_test.follow import ARRIVED, Followed, Follower
-from agile_jax.training.kinematic_test.held_out import BATCH, DAGGER_STREAM
-from agile_jax.training.settings import AggregationSettings, TrainingSettings
+from agile_jax.training.kinematic_test.held_out import BATCH, KinematicTest
+from agile_jax.training.samples import Samples
+from agile_jax.training.settings import AggregationSettings
 
 BEFORE = (0.8, 0.4, 0.2, 0.1, 0.0)  # [s] before the last pose that the expert may start from, on the way to the nearest
 SPARE = 1e-3  # [m] beyond the expert's margin
-
-Query = Callable[[PolicyParameters, int], np.ndarray]  # (parameters, round) -> poses (n, 4)
-Ask = Callable[[np.ndarray, pathlib.Path], Answers]
 
 
 class Rounds(NamedTuple):
@@ -48,92 +48,99 @@ class Rounds(NamedTuple):
     samples: int  # of the last one's training
 
 
-def fit_rounds(
-    policy: Policy,
-    training: Labels,
-    validation: Labels,
-    training_settings: TrainingSettings,
-    settings: AggregationSettings,
-    identity: dict[str, Any],
-    seed: int,
-    directory: pathlib.Path,
-    query: Query,
-    ask: Ask,
-    progress: Progress = silent,
-    watch: tuple[int, Watch] | None = None,
-    unit: np.ndarray = SI,
-) -> Rounds:
-    """`fit_policy`, as often as the settings say; without rounds, once.
+@dataclass(frozen=True, eq=False)
+class Aggregation:
+    """What is asked of the expert, and how it is answered.
 
-    Args:
-        policy, training, validation, training_settings, identity, seed, directory, progress, watch, unit: see
-            `fit_policy`.
-        settings: the rounds.
-        query: poses to ask at; a pure function of parameters and round.
-        ask: the expert's answers, kept in a folder.
+    Attributes:
+        test: scene, expert, seed and the kinematic robot.
+        settings: how many rounds, starts and poses.
+        duration: of a run of the robot [s].
+        engine: opens the work engine for the expert's answers.
     """
-    parameters: PolicyParameters | None = None
-    epochs, seconds, asked, answered = 0, 0.0, 0, 0
-    digests: list[str] = []
-    for number in range(settings.rounds + 1):
-        last = number == settings.rounds
-        folder = directory if last else directory / f"round-{number}"
-        changes = {"epochs": settings.epochs, "learning_rate": settings.rate * training_settings.learning_rate}
-        how = training_settings.model_copy(update=changes) if number else training_settings
-        known = identity | ({"queries": digests} if digests else {})
-        fitted = fit_policy(policy, training, validation, how, known, seed, folder, progress, watch, parameters, unit)
-        parameters, epochs, seconds = fitted.parameters, epochs + len(fitted.rows), seconds + fitted.seconds
-        if not last:
-            answers = ask(query(parameters, number), folder / "queries")
-            asked, answered, digests = asked + answers.asked, answered + len(answers.states), [*digests, answers.digest]
-            states = answers.states.reshape(-1, 2 * POSE_SIZE)
-            training = (
-                np.concatenate([training[0], states[:, :POSE_SIZE]]),
-                np.concatenate([training[1], states[:, POSE_SIZE:]]),
-            )
-    return Rounds(fitted, epochs, seconds, asked, answered, len(training[0]))
 
+    test: KinematicTest
+    settings: AggregationSettings
+    duration: float
+    engine: OpenEngine
 
-def make_query(
-    follower: Follower,
-    scene: SceneSettings,
-    expert: ExpertSettings,
-    settings: AggregationSettings,
-    seed: int,
-    dt: float,
-    duration: float,
-) -> Query:
-    """Poses of the policy's own rollouts that are worth asking the expert about.
-
-    Args:
-        follower: rolls the policy out.
-        scene, expert: settings of starts, obstacles and margin.
-        settings: how many.
-        seed: of the starts.
-        dt: the follower's tick [s].
-        duration: of a rollout [s].
-    """
-    world, margin = make_scene(scene), planning_margin(expert) + SPARE
-
-    def query(parameters: PolicyParameters, number: int) -> np.ndarray:
-        starts = unseen_starts(scene, expert, settings.starts, (seed, DAGGER_STREAM, number))
-        ranked: list[tuple[tuple[bool, float], np.ndarray]] = []
+    def query(self, parameters: PolicyParameters, number: int) -> Float[np.ndarray, "n 4"]:
+        """Poses [m, rad] of the policy's own runs that are worth asking the expert about, after round `number`."""
+        test = self.test
+        world, margin = make_scene(test.scene_settings), planning_margin(test.expert) + SPARE
+        starts = test.starts(self.settings.starts, streams.AGGREGATION_STARTS, number)
+        ranked: list[tuple[tuple[bool, float], Float[np.ndarray, "k 4"]]] = []
         for first in range(0, len(starts), BATCH):
             part = starts[first : first + BATCH]
-            followed = follower(parameters, part, np.full(len(part), duration))
+            followed = self._follower(parameters, part, np.full(len(part), self.duration))
             ranked += [
-                (rank, visited_poses(world, followed.poses[i].astype(np.float64), margin, dt))
+                (rank, visited_poses(world, followed.poses[i].astype(np.float64), margin, test.settings.dt))
                 for i, rank in enumerate(_ranks(followed))
             ]
         ranked.sort(key=lambda entry: entry[0])  # stable: equal ranks stay in the order of the starts
         poses = np.concatenate([poses for _, poses in ranked] or [np.empty((0, POSE_SIZE))])
-        return poses[: settings.queries]
+        return poses[: self.settings.queries]
 
-    return query
+    @cached_property
+    def _follower(self) -> Follower:
+        return self.test.follower(self.duration)
+
+    def answer(
+        self, poses: Float[np.ndarray, "n 4"], folder: pathlib.Path | None, progress: Progress = silent
+    ) -> Answers:
+        """The expert's paths from poses [m, rad], kept in a folder, or nowhere."""
+        with tempfile.TemporaryDirectory(prefix="agile-answers-") as scratch:
+            where = pathlib.Path(scratch) if folder is None else folder
+            return ask(self.test.scene_settings, self.test.expert, poses, self.engine, where, progress)
 
 
-def visited_poses(scene: Scene, path: np.ndarray, margin: float, dt: float) -> np.ndarray:
-    """Poses of a path, shape (K, 4), before and after it comes nearest to an obstacle, that keep the margin."""
+def fit_rounds(
+    problem: FitProblem, aggregation: Aggregation, keeping: Keeping | None = None, progress: Progress = silent
+) -> Rounds:
+    """`fit_policy`, as often as the rounds' settings say; without rounds, once.
+
+    Args:
+        problem: of the first round.
+        aggregation: the rounds.
+        keeping: where the last round is kept, the others below; nowhere when None.
+        progress: is told of every epoch and answer.
+    """
+    settings, rate = aggregation.settings, problem.settings.learning_rate
+    later = problem.settings.model_copy(update={"epochs": settings.epochs, "learning_rate": settings.rate * rate})
+    epochs, seconds, asked, answered = 0, 0.0, 0, 0
+    digests: list[str] = []
+    for number in range(settings.rounds + 1):
+        last = number == settings.rounds
+        kept = keeping.inside("" if last else f"round-{number}", {"queries": digests}) if keeping else None
+        fitted = fit_policy(problem, kept, progress)
+        epochs, seconds = epochs + len(fitted.rows), seconds + fitted.seconds
+        if not last:
+            poses = aggregation.query(fitted.parameters, number)
+            answers = aggregation.answer(poses, kept.directory / "queries" if kept else None, progress)
+            asked, answered, digests = asked + answers.asked, answered + len(answers.states), [*digests, answers.digest]
+            more = _joined(problem.training, answers)
+            problem = replace(problem, training=more, settings=later, initial=fitted.parameters)
+    return Rounds(fitted, epochs, seconds, asked, answered, len(problem.training.inputs))
+
+
+def _joined(training: Samples, answers: Answers) -> Samples:
+    """The samples, and the velocities along the expert's answers."""
+    states = answers.states.reshape(-1, 2 * POSE_SIZE)
+    inputs = np.concatenate([training.inputs, states[:, :POSE_SIZE]])
+    return Samples(inputs, np.concatenate([training.outputs, states[:, POSE_SIZE:]]))
+
+
+def visited_poses(
+    scene: Scene, path: Float[np.ndarray, "ticks 4"], margin: float, dt: float
+) -> Float[np.ndarray, "k 4"]:
+    """Poses of a path before and after it comes nearest to an obstacle, that keep the margin.
+
+    Args:
+        scene: obstacles and bounds.
+        path: poses at every tick [m, rad].
+        margin: [m].
+        dt: tick [s].
+    """
     distances = np.asarray(clearance(scene, path))
     free = (distances >= margin) & ((path >= scene.lower) & (path <= scene.upper)).all(-1)
     nearest = int(distances.argmin())

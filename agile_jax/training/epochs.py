@@ -12,49 +12,83 @@ up the gradients.
 
 import time
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from dataclasses import dataclass
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import NamedSharding, PartitionSpec
+from jaxtyping import Array, Float, Int, Int32, PRNGKeyArray, PyTree
 
+from agile_jax.arrays import AnyArray
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Encoding, Policy
 from agile_jax.settings import BadInput
 from agile_jax.training.optimizer import make_optimizer
 from agile_jax.training.precision import Precision, products
+from agile_jax.training.samples import Samples
 from agile_jax.training.settings import TrainingSettings
 
 BLOCK = 4096  # samples evaluated at once
-SI = np.ones(1)  # unit of the loss: as the labels are
+SI = np.ones(1)  # unit of the loss: as the outputs are
 
-Step = Callable[["TrainState", "Samples"], tuple["TrainState", jax.Array]]
-SplitRows = Callable[[jax.Array], jax.Array]  # asks that the last axis of an array of rows is split among the devices
+Unit = Float[np.ndarray, "4"] | Float[np.ndarray, "1"]
+"""In which errors are squared, by output or one for all [m/s, rad/s], or [m/s^2, rad/s^2] of a feedback law."""
+SplitRows = Callable[[jax.Array], jax.Array]
+"""Asks that the last axis of an array of rows is split among the devices."""
+R = TypeVar("R")
 
 
-class Samples(NamedTuple):
-    """Labels of one split, and what of their poses the field needs."""
+class EncodedSamples(NamedTuple):
+    """Samples of one split on the device, their inputs encoded."""
 
-    encoding: Encoding  # leaves (m, ...)
-    velocities: jax.Array  # (m, 4) [m/s, rad/s]
+    encoding: Encoding  # leaves lead with m
+    outputs: Float[Array, "m 4"]  # [m/s, rad/s], or [m/s^2, rad/s^2] of a feedback law
 
 
 class TrainState(NamedTuple):
     """All that changes during training."""
 
     parameters: PolicyParameters
-    optimizer: Any
-    step: jax.Array  # () int32
+    optimizer: PyTree  # Optax's state
+    step: Int32[Array, "*seeds"]
 
 
-class CompiledTraining(NamedTuple):
-    """Compiled for the shapes of one data set. States and keys lead with the S seeds."""
+Step = Callable[[TrainState, EncodedSamples], tuple[TrainState, jax.Array]]
+Epoch = Callable[[TrainState, EncodedSamples, jax.Array, jax.Array], tuple[TrainState, jax.Array]]
 
-    epoch: Callable[..., tuple[TrainState, jax.Array]]  # (state, samples, keys, number) -> state, losses (S, steps)
-    validation_error: Callable[[PolicyParameters, Samples], jax.Array]  # (S,)
+
+@dataclass(frozen=True, eq=False)
+class CompiledTraining:
+    """An epoch and the validation error, compiled for the shapes of one data set and S seeds.
+
+    Attributes:
+        compile_seconds: how long it took [s].
+    """
+
+    _epoch: jax.stages.Compiled
+    _error: jax.stages.Compiled
     compile_seconds: float
+
+    def epoch(
+        self, state: TrainState, samples: EncodedSamples, keys: PRNGKeyArray, number: int
+    ) -> tuple[TrainState, Float[Array, "S steps"]]:
+        """Train for epoch `number`, from 0; the state is consumed.
+
+        Returns:
+            The state, and each step's error before it [(m/s)^2, (rad/s)^2].
+        """
+        return self._epoch(state, samples, keys, np.int32(number))
+
+    def validation_error(self, parameters: PolicyParameters, samples: EncodedSamples) -> Float[Array, " S"]:
+        """The mean squared error of each seed [(m/s)^2, (rad/s)^2]."""
+        return self._error(parameters, samples)
+
+    def epoch_text(self) -> str:
+        """What XLA made of an epoch."""
+        return self._epoch.as_text() or ""
 
 
 def device_sharding(devices: int) -> NamedSharding:
@@ -70,53 +104,60 @@ def device_sharding(devices: int) -> NamedSharding:
     return NamedSharding(mesh, PartitionSpec())
 
 
-def encode_samples(policy: Policy, poses: np.ndarray, velocities: np.ndarray) -> Samples:
-    """Put a split on the device. Shapes (m, 4)."""
-    encoding = jax.jit(jax.vmap(policy.encode))(jnp.asarray(poses, jnp.float32))
-    return Samples(encoding, jnp.asarray(velocities, jnp.float32))
+def encode_samples(policy: Policy, samples: Samples) -> EncodedSamples:
+    """Put a split on the device, in float32."""
+    encoding = jax.jit(jax.vmap(policy.encode))(jnp.asarray(samples.inputs, jnp.float32))
+    return EncodedSamples(encoding, jnp.asarray(samples.outputs, jnp.float32))
 
 
-def squared_errors(policy: Policy, parameters: PolicyParameters, samples: Samples) -> jax.Array:
-    """Squared errors of each sample and output, shape (m, 4) [(m/s)^2, (rad/s)^2]."""
-    return (jax.vmap(policy.output, (None, 0))(parameters, samples.encoding) - samples.velocities) ** 2
+def squared(unit: Unit) -> Float[np.ndarray, " n"]:
+    """The square of a unit, squared before it is rounded to float32."""
+    return np.asarray(np.asarray(unit, np.float64) ** 2, np.float32)
+
+
+def squared_errors(policy: Policy, parameters: PolicyParameters, samples: EncodedSamples) -> Float[Array, "m 4"]:
+    """Squared errors of each sample and output [(m/s)^2, (rad/s)^2]."""
+    return (jax.vmap(policy.output, (None, 0))(parameters, samples.encoding) - samples.outputs) ** 2
 
 
 def mean_squared_error(
     policy: Policy,
     parameters: PolicyParameters,
-    samples: Samples,
-    unit: np.ndarray = SI,
+    samples: EncodedSamples,
+    unit: Unit = SI,
     split: SplitRows = lambda rows: rows,
-) -> jax.Array:
-    """Mean over samples and outputs, in `unit` ([m/s, rad/s], shape (4,)), block by block to bound the memory."""
-    count = len(samples.velocities)
+) -> Float[Array, ""]:
+    """Mean over samples and outputs of the errors in `unit`, squared; block by block to bound the memory."""
+    square_unit = squared(unit)
+    count = len(samples.outputs)
     blocks = -(-count // BLOCK)
-    rows = jnp.arange(blocks * BLOCK).reshape(blocks, BLOCK)
+    rows = jnp.arange(blocks * BLOCK, dtype=jnp.int32).reshape(blocks, BLOCK)
 
-    def block_sum(row: jax.Array) -> jax.Array:
+    def block_sum(row: Int[Array, " block"]) -> Float[Array, ""]:
         part = jax.tree.map(lambda leaf: leaf[split(jnp.minimum(row, count - 1))], samples)
-        square = (squared_errors(policy, parameters, part) / unit**2).mean(-1)
+        square = (squared_errors(policy, parameters, part) / square_unit).mean(-1)
         return jnp.where(row < count, square, 0.0).sum()
 
     return jax.lax.map(block_sum, rows).sum() / count
 
 
 def make_step(
-    policy: Policy, optimizer: optax.GradientTransformation, precision: Precision = "float32", unit: np.ndarray = SI
+    policy: Policy, optimizer: optax.GradientTransformation, precision: Precision | None = "float32", unit: Unit = SI
 ) -> Step:
     """One step of the optimiser on one batch: (state, batch) -> (state, error before the step [(m/s)^2, (rad/s)^2]).
 
     Args:
-        policy: whose field is fitted.
+        policy: whose output is fitted.
         optimizer: of Optax.
-        precision: of the products (precision.py).
-        unit: in which the errors are squared, shape (4,) [m/s, rad/s].
+        precision: of the products (precision.py); None leaves them to the layers.
+        unit: in which the errors are squared for the gradient.
     """
+    square_unit = squared(unit)
 
-    def step(state: TrainState, batch: Samples) -> tuple[TrainState, jax.Array]:
-        def loss(network: Any) -> tuple[jax.Array, jax.Array]:
+    def step(state: TrainState, batch: EncodedSamples) -> tuple[TrainState, Float[Array, ""]]:
+        def loss(network: PyTree) -> tuple[Float[Array, ""], Float[Array, ""]]:
             squares = squared_errors(policy, state.parameters._replace(network=network), batch)
-            return (squares / unit**2).mean(), squares.mean()
+            return (squares / square_unit).mean(), squares.mean()
 
         with products(precision):
             (_, error), gradient = jax.value_and_grad(loss, has_aux=True)(state.parameters.network)
@@ -132,15 +173,19 @@ def steps_per_epoch(count: int, batch_size: int) -> int:
     return -(-count // batch_size)
 
 
-def make_epoch(step: Step, count: int, batch_size: int, split: SplitRows) -> Callable[..., Any]:
-    """One epoch of one seed: (state, samples, key, number) -> (state, losses (steps,))."""
+def make_epoch(step: Step, count: int, batch_size: int, split: SplitRows = lambda rows: rows) -> Epoch:
+    """One epoch of one seed: (state, samples, key, number) -> (state, errors (steps,) [(m/s)^2, (rad/s)^2])."""
     steps = steps_per_epoch(count, batch_size)
 
-    def epoch(state: TrainState, samples: Samples, key: jax.Array, number: jax.Array) -> tuple[TrainState, jax.Array]:
-        order = jax.random.permutation(jax.random.fold_in(key, number), count)
-        rows = split(order[jnp.arange(steps * batch_size) % count].reshape(steps, batch_size))
+    def epoch(
+        state: TrainState, samples: EncodedSamples, key: PRNGKeyArray, number: Int32[AnyArray, ""]
+    ) -> tuple[TrainState, Float[Array, " {steps}"]]:
+        everything = jnp.arange(count, dtype=jnp.int32)
+        order = jax.random.permutation(jax.random.fold_in(key, number), everything)
+        again = jnp.arange(steps * batch_size, dtype=jnp.int32) % count
+        rows = split(order[again].reshape(steps, batch_size))
 
-        def one(state: TrainState, row: jax.Array) -> tuple[TrainState, jax.Array]:
+        def one(state: TrainState, row: Int32[Array, " batch"]) -> tuple[TrainState, Float[Array, ""]]:
             return step(state, jax.tree.map(lambda leaf: leaf[row], samples))
 
         return jax.lax.scan(one, state, rows)
@@ -148,12 +193,12 @@ def make_epoch(step: Step, count: int, batch_size: int, split: SplitRows) -> Cal
     return epoch
 
 
-def over_seeds(function: Callable[..., Any], seeds: int, axes: tuple[int | None, ...]) -> Callable[..., Any]:
+def over_seeds(function: Callable[..., R], seeds: int, axes: tuple[int | None, ...]) -> Callable[..., R]:
     """vmap over the leading axis of the arguments whose axis is 0. One seed is not batched: its products stay plain."""
     if seeds > 1:
         return jax.vmap(function, axes)
 
-    def alone(*arguments: Any) -> Any:
+    def alone(*arguments: PyTree) -> R:
         first = [
             jax.tree.map(lambda leaf: leaf[0], argument) if axis == 0 else argument
             for argument, axis in zip(arguments, axes, strict=True)
@@ -167,13 +212,13 @@ def compile_training(
     policy: Policy,
     settings: TrainingSettings,
     state: TrainState,
-    training: Samples,
-    validation: Samples,
-    keys: jax.Array,
-    unit: np.ndarray = SI,
+    training: EncodedSamples,
+    validation: EncodedSamples,
+    keys: PRNGKeyArray,
+    unit: Unit = SI,
 ) -> CompiledTraining:
-    """Compile ahead of time for these arguments, placed as they are; the state given to `epoch` is consumed."""
-    count, sharding = len(training.velocities), device_sharding(settings.devices)
+    """Compile ahead of time for these arguments, placed as they are."""
+    count, sharding = len(training.outputs), device_sharding(settings.devices)
 
     def split(rows: jax.Array) -> jax.Array:
         if settings.devices == 1:
@@ -184,7 +229,7 @@ def compile_training(
     optimizer = make_optimizer(settings, steps_per_epoch(count, settings.batch_size) * settings.epochs)
     epoch = make_epoch(make_step(policy, optimizer, settings.precision, unit), count, settings.batch_size, split)
 
-    def error(parameters: PolicyParameters, samples: Samples) -> jax.Array:
+    def error(parameters: PolicyParameters, samples: EncodedSamples) -> Float[Array, ""]:
         return mean_squared_error(policy, parameters, samples, split=split)
 
     start = time.perf_counter()

@@ -8,34 +8,39 @@ torn last line.
 import json
 import pathlib
 from types import TracebackType
-from typing import Any
 
 from tensorboardX import SummaryWriter
 
 from agile_jax.files import write_atomic
 
-Row = dict[str, Any]
+Row = dict[str, float | list[float]]
+"""An epoch's line: epoch and step (from 1), errors [(m/s)^2, (rad/s)^2] and the learning rate of its last step; with
+several seeds their errors, too; where there was an intermediate test, what it found."""
+SCALARS = ("train_mse", "validation_mse", "learning_rate")
 
 
 class MetricsLog:
-    """Appends one row an epoch to both. Use it as a context manager."""
+    """Appends one row an epoch, to the files too if they are asked for. Use it as a context manager."""
 
-    def __init__(self, directory: pathlib.Path, rows: list[Row]):
-        """Begin in `directory` after `rows`, the epochs that are already done."""
+    def __init__(self, directory: pathlib.Path | None, rows: list[Row]):
+        """Begin after `rows`, the epochs that are already done; in `directory`, or without files."""
         self.rows = list(rows)
-        self._path = directory / "metrics.jsonl"
-        write_atomic(self._path, "".join(_line(row) for row in rows).encode())
-        # Events of epochs that are done again are dropped by TensorBoard from purge_step on.
-        self._writer = SummaryWriter(str(directory / "tensorboard"), purge_step=len(rows) + 1)
-        self._file = self._path.open("a", encoding="utf-8")
+        self._file, self._writer = None, None
+        if directory is not None:
+            path = directory / "metrics.jsonl"
+            write_atomic(path, "".join(_line(row) for row in rows).encode())
+            # Events of epochs that are done again are dropped by TensorBoard from purge_step on.
+            self._writer = SummaryWriter(str(directory / "tensorboard"), purge_step=len(rows) + 1)
+            self._file = path.open("a", encoding="utf-8")
 
     def append(self, row: Row) -> None:
         """Add the row of one epoch."""
         self.rows.append(row)
-        self._file.write(_line(row))
-        self._file.flush()
-        for name in ("train_mse", "validation_mse", "learning_rate"):
-            self._writer.add_scalar(name, row[name], row["epoch"])
+        if self._file is not None and self._writer is not None:
+            self._file.write(_line(row))
+            self._file.flush()
+            for name in SCALARS:
+                self._writer.add_scalar(name, row[name], row["epoch"])
 
     def __enter__(self) -> "MetricsLog":
         """The log itself."""
@@ -44,9 +49,10 @@ class MetricsLog:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Close both files."""
-        self._file.close()
-        self._writer.close()
+        """Close the files."""
+        if self._file is not None and self._writer is not None:
+            self._file.close()
+            self._writer.close()
 
 
 def _line(row: Row) -> str:

@@ -23,21 +23,31 @@ up to a hundred times too high where it is below.
 
 from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Bool, Float
 
+from agile_jax.policy.network import PolicyParameters
+from agile_jax.policy.policy import Policy
+from agile_jax.policy.single_precision import in_single_precision
+from agile_jax.training.epochs import SI, Unit
+from agile_jax.training.samples import Samples
+
+FEWEST = 3  # trajectories
 MEMORY = 16_000_000  # distances held at once
 
 
 class GammaTest(NamedTuple):
     """An estimate, ordered by the floor."""
 
-    floor: float  # G averaged over the outputs [(m/s)^2, (rad/s)^2]; 0 when the regression meets zero below it
+    floor: float  # G averaged over the outputs, in their unit's square; 0 when the regression meets zero below it
     share: float  # of the floor in what nearest neighbours differ by, 0 to 1: how far it is to be trusted
 
 
 def gamma_test(
-    poses: np.ndarray,
-    velocities: np.ndarray,
+    inputs: Float[np.ndarray, "n nodes _"],
+    outputs: Float[np.ndarray, "n nodes _outputs"],
     queries: int = 1000,
     neighbours: int = 8,
     max_trajectories: int = 2000,
@@ -46,8 +56,8 @@ def gamma_test(
     """Estimate the floor.
 
     Args:
-        poses: by trajectory, shape (n, m, 4) [m, rad], or states (n, m, 8).
-        velocities: minus any function of the position, shape (n, m, 4) [m/s, rad/s].
+        inputs: poses [m, rad] or states [m, rad, m/s, rad/s], by trajectory.
+        outputs: velocities [m/s, rad/s] or accelerations, minus any function of the inputs.
         queries: samples at most for which neighbours are sought.
         neighbours: P, of different trajectories.
         max_trajectories: searched at most.
@@ -56,19 +66,19 @@ def gamma_test(
     Raises:
         ValueError: fewer than three trajectories.
     """
-    if len(poses) < 3:
-        raise ValueError(f"a noise floor needs at least 3 trajectories, not {len(poses)}")
+    if len(inputs) < FEWEST:
+        raise ValueError(f"a noise floor needs at least {FEWEST} trajectories, not {len(inputs)}")
     generator = np.random.default_rng(seed)
-    if len(poses) > max_trajectories:
-        chosen = generator.permutation(len(poses))[:max_trajectories]
-        poses, velocities = poses[chosen], velocities[chosen]
-    count, nodes, _ = poses.shape
+    if len(inputs) > max_trajectories:
+        chosen = generator.permutation(len(inputs))[:max_trajectories]
+        inputs, outputs = inputs[chosen], outputs[chosen]
+    count, nodes, _ = inputs.shape
     neighbours = min(neighbours, count - 1)
-    scaled = poses.astype(np.float32).reshape(count * nodes, -1)
+    scaled = inputs.astype(np.float32).reshape(count * nodes, -1)
     scaled = scaled - scaled.mean(0)
     spread = scaled.std(0)
     scaled = scaled / np.where(spread > 1e-3, spread, 1.0)  # an axis without spread parts no neighbours
-    flat = np.asarray(velocities, np.float32).reshape(count * nodes, -1)
+    flat = np.asarray(outputs, np.float32).reshape(count * nodes, -1)
     picked = generator.permutation(count * nodes)[:queries]
 
     squares, differences = [], []
@@ -91,3 +101,34 @@ def gamma_test(
     slope = np.polyfit(delta, gamma, 1)[0] if np.ptp(delta) > 0 else 0.0
     floor = float(max(gamma.mean() - max(slope, 0.0) * delta.mean(), 0.0))
     return GammaTest(floor, min(floor / max(float(gamma[0]), 1e-30), 1.0))
+
+
+@in_single_precision
+def noise_floor(
+    policy: Policy,
+    parameters: PolicyParameters,
+    trajectories: Samples,
+    held_out: Bool[np.ndarray, " n"],
+    unit: Unit = SI,
+) -> GammaTest | None:
+    """The noise floor of a policy's samples; None with fewer than three trajectories.
+
+    The lesser of two estimates, both of which err upwards where trajectories are far apart: over all trajectories with
+    the designed part subtracted, and over the held-out ones with the trained policy subtracted (on those it was trained
+    on, it may have learned the noise).
+
+    Args:
+        policy, parameters: what was trained.
+        trajectories: samples by trajectory.
+        held_out: which trajectories it was not trained on.
+        unit: in which the floor is, squared.
+    """
+    designed = jax.vmap(jax.vmap(lambda given: policy.encode(given).base))
+    trained = jax.vmap(jax.vmap(lambda given: policy.output(parameters, policy.encode(given))))
+    found = []
+    for chosen, known in ((np.ones(len(held_out), bool), designed), (held_out, trained)):
+        if chosen.sum() >= FEWEST:
+            given = trajectories.inputs[chosen]
+            rest = trajectories.outputs[chosen] - np.asarray(jax.jit(known)(jnp.asarray(given, jnp.float32)))
+            found.append(gamma_test(given, rest / unit))
+    return min(found, default=None)

@@ -3,14 +3,13 @@
 All is a pure function of the validation errors so far, thus of metrics.jsonl: a resumed training decides alike.
 """
 
-from typing import Any
-
 import numpy as np
 
+from agile_jax.training.metrics import Row
 from agile_jax.training.settings import TrainingSettings
 
 
-def validation_errors(rows: list[dict[str, Any]]) -> np.ndarray:
+def validation_errors(rows: list[Row]) -> np.ndarray:
     """The validation errors of the epochs so far, shape (epochs, seeds) [(m/s)^2, (rad/s)^2]."""
     return np.array([row.get("validation_mse_by_seed", [row["validation_mse"]]) for row in rows])
 

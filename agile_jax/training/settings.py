@@ -103,8 +103,6 @@ class TrainingSettings(Settings):
     """Number of samples in a batch."""
     epochs: Count = 150
     """Number of passes over the training samples."""
-    loss: Literal["mse"] = "mse"
-    """Mean squared error over the outputs, in `output_units`."""
     output_units: Literal["si", "std", "limits"] = "si"
     """Units of loss and outputs: SI, standard deviations of the labels, or the expert's bounds; only with policy.kind =
     "plain".

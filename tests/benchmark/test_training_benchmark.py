@@ -43,7 +43,7 @@ def test_the_work_is_what_a_step_by_hand_does(workload):
             kernel, bias = parameters[i]
             parameters[i] = kernel - 0.5 * inputs[i].T @ delta, bias - 0.5 * delta.sum(0)
             delta = (delta @ kernel.T) * (1 - inputs[i] ** 2)
-    for precision, tolerance in (("float32", 1e-4), ("bfloat16", 2e-2)):
+    for precision, tolerance in (("float32", 1e-4), (None, 1e-4), ("bfloat16", 2e-2)):
         run = compiled(precision)
         np.testing.assert_allclose(run.work(run.prepare()), losses, rtol=tolerance)
         np.testing.assert_allclose(run.work(run.prepare()), losses, rtol=tolerance)  # again from the beginning
@@ -88,10 +88,11 @@ def test_file_and_table(tmp_path, capsys):
     assert result["benchmark"] == "training"
     assert result["problem"]["hidden_layers"] == [64, 96]
     metrics = result["metrics"]
-    for name in ("ours_float32", "ours_bfloat16", "products"):
+    for name in ("ours_float32", "ours_bfloat16", "plain_float32", "products"):
         assert metrics[f"{name}.rate"]["value"] > 0
         assert name in printed
     assert metrics["ours_float32.of_products"]["target"] == 0.85
+    assert metrics["ours_float32.over_plain"]["value"] > 0
     if find_spec("torch") is None:
         assert result["methods"]["torch_float32"].startswith("not installed")
         assert "torch_float32: not installed" in printed

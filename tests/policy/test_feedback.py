@@ -5,14 +5,14 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, table_scene
-from test_stage import EXPERT, SCENE, SETTINGS, straight_lines
+from test_stage import SETTINGS, run, straight_lines
 
 from agile_jax.dataset import DatasetSettings, split_mask
 from agile_jax.policy import make_policy
 from agile_jax.policy.velocity_tracker import track
-from agile_jax.training import KinematicTestSettings, follow, train
+from agile_jax.training import KinematicTestSettings, follow
 from agile_jax.training.kinematic_test.follow import ARRIVED
-from agile_jax.training.stage import policy_samples
+from agile_jax.training.samples import policy_samples
 
 FEEDBACK = SMALL.model_copy(update={"kind": "feedback"})
 DT = 0.02
@@ -78,7 +78,7 @@ def test_it_learns_the_accelerations_of_the_states(settings):
 def test_training_stage_trains_it(tmp_path):
     loops = KinematicTestSettings(starts=8, every=3, watched_starts=8)
     settings = SETTINGS.model_copy(update={"epochs": 30})
-    summary = train(straight_lines(), SCENE, EXPERT, FEEDBACK, settings, 0, tmp_path, closed_loop_settings=loops)
+    summary = run(straight_lines(), tmp_path, policy=FEEDBACK, training=settings, kinematic_test=loops)
     assert summary["test_mse"] < 0.7 * summary["label_variance"]
     assert summary["noise_floor_mse"] is not None
     assert summary["field_collision_rate"] == 0

@@ -9,7 +9,7 @@ from agile_jax.expert import MotionLimits
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.progress import silent
 from agile_jax.scene import Scene, SceneSettings, TableSettings, make_scene
-from agile_jax.training import TrainingSettings, fit_policy
+from agile_jax.training import FitProblem, Keeping, Samples, TrainingSettings, fit_policy
 
 VELOCITY = np.array([0.8, 0.5, 0.3, 1.0])
 ACCELERATION = np.array([1.5, 1.5, 1.0, 3.0])
@@ -17,7 +17,6 @@ LIMITS = MotionLimits(VELOCITY, ACCELERATION)
 TARGET = np.array([3.0, 0.0, 0.28, 0.0])
 SMALL = PolicySettings(hidden_layers=(16, 16))
 BRIEF = TrainingSettings(batch_size=64, epochs=8, checkpoint_every=2, learning_rate=1e-2)
-IDENTITY = {"dataset_hash": "synthetic"}
 
 
 def empty_scene() -> Scene:
@@ -30,18 +29,26 @@ def table_scene() -> Scene:
     )
 
 
-def smooth_labels(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+def smooth_samples(count: int, seed: int = 0) -> Samples:
     """Poses in bounds and a smooth field on them."""
     generator = np.random.default_rng(seed)
     poses = TARGET + generator.uniform(-1, 1, (count, 4)) * [1.5, 1.0, 0.04, 0.3]
     velocities = 0.5 * np.tanh(TARGET - poses) + 0.1 * np.sin(3 * poses[:, [1, 0, 3, 2]])
-    return poses, velocities
+    return Samples(poses, velocities)
+
+
+def fit(policy, training, validation, settings, seed, directory=None, progress=silent, data="synthetic", **more):
+    """Kept, if at all, under an identity that tells data, settings and seed."""
+    without_effect = {"checkpoint_every", "keep", "devices"}
+    identity = {"data": data, "training": settings.model_dump(mode="json", exclude=without_effect), "seed": seed}
+    keeping = Keeping(directory, identity) if directory else None
+    return fit_policy(FitProblem(policy, training, validation, settings, seed, **more), keeping, progress)
 
 
 def train_small(directory: pathlib.Path, progress=silent):
     policy = make_policy(table_scene(), LIMITS, SMALL)
-    labels = smooth_labels(500), smooth_labels(100, 1)
-    return policy, fit_policy(policy, *labels, BRIEF, IDENTITY, 3, directory, progress)
+    labels = smooth_samples(500), smooth_samples(100, 1)
+    return policy, fit(policy, *labels, BRIEF, 3, directory, progress)
 
 
 if __name__ == "__main__":  # the process that test_resumption kills: says when an epoch is done

@@ -8,28 +8,29 @@ import numpy as np
 import pytest
 from synthetic import LIMITS, SMALL, table_scene
 from test_stage import EXPERT, SCENE, straight_lines
+from test_stage import run as run_stage
 
 from agile_jax.dataset import DatasetSettings, samples
 from agile_jax.policy import make_policy
 from agile_jax.scene import clearance, make_scene
-from agile_jax.training import AggregationSettings, KinematicTestSettings, TrainingSettings, train
+from agile_jax.training import AggregationSettings, KinematicTestSettings, TrainingSettings
 from agile_jax.training.aggregation import BEFORE, visited_poses
 from agile_jax.training.checkpoint import load_parameters
 
-DAGGER = AggregationSettings(rounds=1, starts=6, queries=10, epochs=2, rate=0.5)
-CLOSED_LOOP = KinematicTestSettings(starts=4, every=2, watched_starts=4)
+AGGREGATION = AggregationSettings(rounds=1, starts=6, queries=10, epochs=2, rate=0.5)
+KINEMATIC_TEST = KinematicTestSettings(starts=4, every=2, watched_starts=4)
 BRIEF = TrainingSettings(batch_size=64, epochs=2, checkpoint_every=1)
 
 
 def run(directory):
-    expert = EXPERT.model_copy(update={"nodes": 20})
-    rest = {"closed_loop_settings": CLOSED_LOOP, "dagger_settings": DAGGER}
-    return train(straight_lines(), SCENE, expert, SMALL, BRIEF, 0, directory, **rest)
+    expert = EXPERT.model_copy(update={"nodes": 20, "initial_velocity": "free"})
+    rest = {"kinematic_test": KINEMATIC_TEST, "aggregation": AGGREGATION}
+    return run_stage(straight_lines(), directory, expert=expert, training=BRIEF, **rest)
 
 
 @pytest.fixture(scope="module")
 def finished(tmp_path_factory):
-    directory = tmp_path_factory.mktemp("dagger")
+    directory = tmp_path_factory.mktemp("aggregation")
     return directory, run(directory)
 
 
@@ -40,7 +41,7 @@ def ending(directory):
 
 def test_a_round_adds_the_experts_answers_and_goes_on_from_its_parameters(finished):
     directory, summary = finished
-    assert summary["dagger_asked"] == summary["dagger_answered"] == 6  # without obstacles one pose a rollout
+    assert summary["aggregation_asked"] == summary["aggregation_answered"] == 6  # without obstacles one pose a rollout
     alone = len(samples(straight_lines(), "train", DatasetSettings())[0])
     assert summary["epochs"] == 4
     assert summary["training_samples"] == alone + 6 * 21
@@ -57,7 +58,7 @@ def test_a_kill_changes_nothing(finished, tmp_path, lost):
     source, summary = finished
     directory = shutil.copytree(source, tmp_path / "copy")
     (directory / "summary.json").unlink()
-    (directory / "closed_loop.npz").unlink()
+    (directory / "kinematic_test.npz").unlink()
     shutil.rmtree(directory / "checkpoints" / "2")
     if lost == "first round":
         shutil.rmtree(directory / "checkpoints")
@@ -68,7 +69,7 @@ def test_a_kill_changes_nothing(finished, tmp_path, lost):
     clock = {"seconds", "compile_seconds"}
     assert {k: v for k, v in again.items() if k not in clock} == {k: v for k, v in summary.items() if k not in clock}
     assert all(np.array_equal(a, b) for a, b in zip(ending(directory), ending(source), strict=True))
-    for name in ("metrics.jsonl", "closed_loop.npz", "round-0/metrics.jsonl", "round-0/queries/part-00000.npz"):
+    for name in ("metrics.jsonl", "kinematic_test.npz", "round-0/metrics.jsonl", "round-0/queries/part-00000.npz"):
         assert (directory / name).read_bytes() == (source / name).read_bytes()
 
 

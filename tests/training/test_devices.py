@@ -11,11 +11,10 @@ import sys
 import jax
 import numpy as np
 import pytest
-from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, table_scene, train_small
+from synthetic import BRIEF, LIMITS, SMALL, fit, smooth_samples, table_scene, train_small
 
 from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import fit_policy
 from agile_jax.training.checkpoint import load_parameters
 
 HALFWAY = 4
@@ -90,14 +89,14 @@ def train_on_two_hosts(directory: pathlib.Path, address: str, number: int) -> No
     jax.distributed.initialize(address, 2, number)
     policy = make_policy(table_scene(), LIMITS, SMALL)
     two = BRIEF.model_copy(update={"devices": 2})
-    fit_policy(policy, smooth_labels(500), smooth_labels(100, 1), two, IDENTITY, 3, directory)
+    fit(policy, smooth_samples(500), smooth_samples(100, 1), two, 3, directory)
 
 
 def test_too_few_devices_are_refused(tmp_path):
     policy = make_policy(table_scene(), LIMITS, SMALL)
     settings = BRIEF.model_copy(update={"devices": 64})
     with pytest.raises(BadInput, match=r"training\.devices = 64, but JAX finds \d"):
-        fit_policy(policy, smooth_labels(500), smooth_labels(100, 1), settings, IDENTITY, 0, tmp_path)
+        fit(policy, smooth_samples(500), smooth_samples(100, 1), settings, 0, tmp_path)
 
 
 if __name__ == "__main__" and len(sys.argv) > 2:
@@ -105,18 +104,18 @@ if __name__ == "__main__" and len(sys.argv) > 2:
 elif __name__ == "__main__":  # in the process with four devices
     four = BRIEF.model_copy(update={"devices": 4})
     policy = make_policy(table_scene(), LIMITS, SMALL)
-    labels = smooth_labels(500), smooth_labels(100, 1)
+    labels = smooth_samples(500), smooth_samples(100, 1)
     root = pathlib.Path(sys.argv[1])
-    fitted = fit_policy(policy, *labels, four, IDENTITY, 3, root / "whole")
-    fit_policy(policy, *labels, four, IDENTITY, 3, root / "to four")
+    fitted = fit(policy, *labels, four, 3, root / "whole")
+    fit(policy, *labels, four, 3, root / "to four")
     with contextlib.suppress(StopError):
-        fit_policy(policy, *labels, four, IDENTITY, 3, root / "to one", stop_halfway)
-    from agile_jax.training.epochs import compile_training
-    from agile_jax.training.fit import SI, _prepare
+        fit(policy, *labels, four, 3, root / "to one", stop_halfway)
+    from agile_jax.training.epochs import SI, compile_training
+    from agile_jax.training.fit import FitProblem, prepare
 
-    state, keys, samples, held_out = _prepare(policy, *labels, four, 3, SI)
-    compiled = compile_training(policy, four, state, samples, held_out, keys)
-    text = compiled.epoch.as_text()
+    prepared = prepare(FitProblem(policy, *labels, four, 3))
+    compiled = compile_training(policy, four, prepared.state, prepared.training, prepared.validation, prepared.keys, SI)
+    text = compiled.epoch_text()
     # Each device multiplies its 16 of the 64 rows of a batch, and the gradients are added up.
     split = "f32[16,16]" in text and "all-reduce" in text and "f32[64,16]" not in text
     print(json.dumps({"devices": len(fitted.by_seed.normalization.mean.devices()), "split": split}))

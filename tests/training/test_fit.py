@@ -6,11 +6,11 @@ import numpy as np
 import optax
 import pytest
 from pydantic import ValidationError
-from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, table_scene, train_small
+from synthetic import BRIEF, LIMITS, SMALL, fit, smooth_samples, table_scene, train_small
 
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import TrainingSettings, fit_policy
+from agile_jax.training import Samples, TrainingSettings
 from agile_jax.training.checkpoint import load_parameters
 from agile_jax.training.epochs import TrainState, encode_samples, make_step, mean_squared_error
 
@@ -47,8 +47,8 @@ def numpy_step(network, features, base, gain, scale, labels, rate, bounded):
 @pytest.mark.parametrize("kind", ["plain", "residual"])
 def test_one_sgd_step_equals_backpropagation_by_hand(kind):
     policy = make_policy(table_scene(), LIMITS, PolicySettings(kind=kind, hidden_layers=(7, 5)))
-    poses, velocities = smooth_labels(32)
-    samples = encode_samples(policy, poses, velocities)
+    poses, velocities = smooth_samples(32)
+    samples = encode_samples(policy, Samples(poses, velocities))
     parameters = policy.normalise(
         policy.init(jax.random.key(0), "torch_uniform"), np.asarray(samples.encoding.features)
     )
@@ -79,8 +79,8 @@ def test_one_sgd_step_equals_backpropagation_by_hand(kind):
 def test_mean_squared_error_over_blocks_equals_the_mean(monkeypatch):
     monkeypatch.setattr("agile_jax.training.epochs.BLOCK", 64)
     policy = make_policy(table_scene(), LIMITS, SMALL)
-    poses, velocities = smooth_labels(150)
-    samples = encode_samples(policy, poses, velocities)
+    poses, velocities = smooth_samples(150)
+    samples = encode_samples(policy, Samples(poses, velocities))
     parameters = policy.init(jax.random.key(0))
     predicted = jax.vmap(policy.output, (None, 0))(parameters, samples.encoding)
     expected = np.mean((np.asarray(predicted) - velocities) ** 2)
@@ -100,10 +100,17 @@ def test_training_twice_gives_the_same_bits_and_another_seed_others(uninterrupte
     policy, fitted = train_small(tmp_path)
     assert same(fitted.parameters, load_parameters(uninterrupted, policy))
     assert (tmp_path / "metrics.jsonl").read_bytes() == (uninterrupted / "metrics.jsonl").read_bytes()
-    labels = smooth_labels(500), smooth_labels(100, 1)
+    labels = smooth_samples(500), smooth_samples(100, 1)
     brief = BRIEF.model_copy(update={"epochs": 1})
-    other = [fit_policy(policy, *labels, brief, IDENTITY, seed, tmp_path / str(seed)) for seed in (1, 2)]
+    other = [fit(policy, *labels, brief, seed, tmp_path / str(seed)) for seed in (1, 2)]
     assert not same(other[0].parameters, other[1].parameters)
+
+
+def test_in_memory_gives_the_same_bits(uninterrupted):
+    policy = make_policy(table_scene(), LIMITS, SMALL)
+    fitted = fit(policy, smooth_samples(500), smooth_samples(100, 1), BRIEF, 3)
+    assert same(fitted.parameters, load_parameters(uninterrupted, policy))
+    assert fitted.rows == [json.loads(line) for line in (uninterrupted / "metrics.jsonl").read_text().splitlines()]
 
 
 def test_finished_training_trains_no_more(uninterrupted):
@@ -117,31 +124,31 @@ def test_finished_training_trains_no_more(uninterrupted):
 def test_divergence_names_the_step_and_a_remedy(tmp_path):
     settings = TrainingSettings(optimizer="sgd", schedule="constant", learning_rate=1e6, batch_size=64, epochs=3)
     policy = make_policy(table_scene(), LIMITS, SMALL.model_copy(update={"kind": "plain"}))
-    labels = smooth_labels(500), smooth_labels(100, 1)
+    labels = smooth_samples(500), smooth_samples(100, 1)
     with pytest.raises(BadInput, match=r"diverged.*step \d+.*lower training.learning_rate"):
-        fit_policy(policy, *labels, settings, IDENTITY, 0, tmp_path)
+        fit(policy, *labels, settings, 0, tmp_path)
     assert not list(tmp_path.glob("checkpoints/*"))
 
 
 def test_unusable_samples_are_refused(tmp_path):
     policy = make_policy(table_scene(), LIMITS, SMALL)
-    poses, velocities = smooth_labels(100)
+    poses, velocities = smooth_samples(100)
     bad = velocities.copy()
     bad[17, 2] = np.nan
-    with pytest.raises(BadInput, match="velocity that is not finite, first in sample 17"):
-        fit_policy(policy, (poses, bad), (poses, velocities), BRIEF, IDENTITY, 0, tmp_path)
+    with pytest.raises(BadInput, match="an output that is not finite, first in sample 17"):
+        fit(policy, Samples(poses, bad), Samples(poses, velocities), BRIEF, 0, tmp_path)
     with pytest.raises(BadInput, match=r"batch_size = 64 is larger than the 10 training samples"):
-        fit_policy(policy, (poses[:10], velocities[:10]), (poses, velocities), BRIEF, IDENTITY, 0, tmp_path)
+        fit(policy, Samples(poses[:10], velocities[:10]), Samples(poses, velocities), BRIEF, 0, tmp_path)
     with pytest.raises(BadInput, match="validation split is empty"):
-        fit_policy(policy, (poses, velocities), (poses[:0], velocities[:0]), BRIEF, IDENTITY, 0, tmp_path)
+        fit(policy, Samples(poses, velocities), Samples(poses[:0], velocities[:0]), BRIEF, 0, tmp_path)
     assert not list(tmp_path.iterdir())
 
 
 def test_inputs_without_spread_do_not_explode():
     policy = make_policy(table_scene(), LIMITS, SMALL)
-    poses = smooth_labels(100)[0]
+    poses = smooth_samples(100)[0]
     poses[:, 3] = 1e-9 * np.arange(100)  # the paper's starts have no spread in yaw
-    features = np.asarray(encode_samples(policy, poses, poses).encoding.features)
+    features = np.asarray(encode_samples(policy, Samples(poses, poses)).encoding.features)
     normalization = policy.normalise(policy.init(jax.random.key(0)), features).normalization
     assert float(normalization.std[3]) == pytest.approx(3.2)
     np.testing.assert_allclose(normalization.std[0], poses[:, 0].std(), rtol=1e-4)

@@ -13,14 +13,13 @@ import sys
 import time
 
 import jax
-import numpy as np
 import pytest
-from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, table_scene, train_small
+from synthetic import BRIEF, LIMITS, SMALL, fit, smooth_samples, table_scene, train_small
 from test_resumption import assert_same_ending, make_policy_of_tests
 
 from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import fit_policy
+from agile_jax.training import Samples
 from agile_jax.training.checkpoint import restore_checkpoint
 
 
@@ -72,15 +71,9 @@ def test_nothing_sound_is_left(uninterrupted, tmp_path, capsys):
 def test_validation_error_that_is_not_finite_stops_with_the_step(tmp_path):
     """Training may still look well when the held-out samples overflow."""
     policy = make_policy(table_scene(), LIMITS, SMALL.model_copy(update={"kind": "plain"}))
-    poses, velocities = smooth_labels(100, 1)
+    poses, velocities = smooth_samples(100, 1)
     with pytest.raises(BadInput, match=r"validation error after step 8 \(epoch 1\) is not finite; lower"):
-        fit_policy(policy, smooth_labels(500), (poses, velocities + 1e30), BRIEF, IDENTITY, 0, tmp_path)
-
-
-def test_checkpoint_of_another_output_unit_is_refused(uninterrupted):
-    labels = smooth_labels(500), smooth_labels(100, 1)
-    with pytest.raises(BadInput, match=r"unit was .*, is \[2\.0"):
-        fit_policy(make_policy_of_tests(), *labels, BRIEF, IDENTITY, 3, uninterrupted, unit=np.full(4, 2.0))
+        fit(policy, smooth_samples(500), Samples(poses, velocities + 1e30), BRIEF, 0, tmp_path)
 
 
 @pytest.mark.slow

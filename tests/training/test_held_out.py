@@ -6,18 +6,16 @@ import pytest
 from agile_jax.dataset import DatasetSettings, unseen_starts
 from agile_jax.dataset.starts import draw_start
 from agile_jax.expert import ExpertSettings, planning_margin
-from agile_jax.scene import SceneSettings, TableSettings, clearance, make_scene
+from agile_jax.scene import SceneSettings, TableSettings, clearance, make_scene, streams
 from agile_jax.training import KinematicTestSettings
 from agile_jax.training.kinematic_test.follow import ARRIVED, COLLIDED, STALLED, TIMEOUT, Followed
 from agile_jax.training.kinematic_test.held_out import (
-    DAGGER_STREAM,
-    TEST_STREAM,
-    WATCH_STREAM,
     summarise,
     worst_rows,
 )
 
 TABLE = TableSettings(kind="table", position=(1.5, 0.0), size=(0.5, 1.0), underside=0.25)
+AFTER, BETWEEN, ROUNDS = streams.KINEMATIC_TEST_STARTS, streams.INTERMEDIATE_TEST_STARTS, streams.AGGREGATION_STARTS
 SCENE, EXPERT = SceneSettings(obstacles=(TABLE,)), ExpertSettings()
 
 
@@ -28,7 +26,7 @@ def loops(outcome, clearances, errors=None):
 
 
 def test_starts_are_free_and_of_streams_of_their_own():
-    keys = [(0, TEST_STREAM), (0, WATCH_STREAM), (0, DAGGER_STREAM, 0), (0, DAGGER_STREAM, 1), (1, TEST_STREAM)]
+    keys = [(0, AFTER), (0, BETWEEN), (0, ROUNDS, 0), (0, ROUNDS, 1), (1, AFTER)]
     drawn = [unseen_starts(SCENE, EXPERT, 200, key) for key in keys]
     world = make_scene(SCENE)
     labels = np.concatenate([draw_start(world, SCENE, EXPERT, DatasetSettings(), 0, i).poses for i in range(200)])

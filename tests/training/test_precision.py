@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import LIMITS, smooth_labels, table_scene
+from synthetic import LIMITS, smooth_samples, table_scene
 
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.training.epochs import encode_samples, squared_errors
@@ -17,7 +17,7 @@ NETWORK = PolicySettings(kind="plain", hidden_layers=(64, 96, 64))
 @pytest.fixture(scope="module")
 def problem():
     policy = make_policy(table_scene(), LIMITS, NETWORK)
-    samples = encode_samples(policy, *smooth_labels(128))
+    samples = encode_samples(policy, smooth_samples(128))
     return policy, policy.init(jax.random.key(0), "torch_uniform"), samples
 
 

@@ -8,11 +8,11 @@ import sys
 import jax
 import numpy as np
 import pytest
-from synthetic import BRIEF, IDENTITY, LIMITS, SMALL, smooth_labels, train_small
+from synthetic import BRIEF, LIMITS, SMALL, fit, smooth_samples, train_small
 
 from agile_jax.policy import make_policy
 from agile_jax.settings import BadInput
-from agile_jax.training import fit_policy
+from agile_jax.training import FitProblem, Keeping, fit_policy
 from agile_jax.training.checkpoint import load_parameters, restore_checkpoint
 from agile_jax.training.optimizer import make_optimizer
 
@@ -88,11 +88,54 @@ def test_without_a_sound_checkpoint_training_begins_anew_and_loading_is_refused(
     for file in directory.glob("checkpoints/*/integrity.json"):
         file.write_text("{}")
     policy = make_policy_of_tests()
-    with pytest.raises(BadInput, match="holds no sound checkpoint"):
+    with pytest.raises(BadInput, match=r"checkpoints/8: integrity\.json is damaged .*`agile train"):
         load_parameters(directory, policy)
+    assert {path.name for path in (directory / "checkpoints").iterdir()} == {"6", "8"}  # a reader changes nothing
+    train_small(directory)
     assert len(capsys.readouterr().out.splitlines()) == 2
+    assert_same_ending(directory, uninterrupted, policy)
+
+
+@pytest.mark.parametrize("fault", ["flipped bit", "deleted", "another one"])
+def test_a_finished_training_is_read_as_it_ended_or_not_at_all(fault, uninterrupted, tmp_path):
+    """The step before, though sound, is another policy."""
+    directory, policy = tmp_path / "copy", make_policy_of_tests()
+    shutil.copytree(uninterrupted, directory)
+    step = directory / "checkpoints" / "8"
+    if fault == "flipped bit":
+        array = max((step / "policy").rglob("*"), key=lambda path: path.stat().st_size if path.is_file() else 0)
+        data = bytearray(array.read_bytes())
+        data[len(data) // 2] ^= 1
+        array.write_bytes(data)
+    else:
+        shutil.rmtree(step)
+    if fault == "another one":
+        fit(policy, smooth_samples(500), smooth_samples(100, 1), BRIEF, 4, tmp_path / "other")
+        shutil.copytree(tmp_path / "other" / "checkpoints" / "8", step)
+    with pytest.raises(BadInput, match=r"checkpoints/8: .*; `agile train .*` goes on from the last sound checkpoint"):
+        load_parameters(directory, policy)
+    if fault == "another one":
+        shutil.rmtree(step)
     train_small(directory)
     assert_same_ending(directory, uninterrupted, policy)
+    for a, b in zip(*(jax.tree.leaves(load_parameters(d, policy)) for d in (directory, uninterrupted)), strict=True):
+        assert np.array_equal(a, b)
+
+
+def test_a_training_that_was_killed_is_not_read(uninterrupted, tmp_path):
+    directory = tmp_path / "copy"
+    shutil.copytree(uninterrupted, directory)
+    (directory / "finished.json").unlink()
+    with pytest.raises(BadInput, match=r"the training is not finished; `agile train"):
+        load_parameters(directory, make_policy_of_tests())
+
+
+def test_fewer_epochs_than_there_are_is_refused(tmp_path):
+    policy, samples = make_policy_of_tests(), (smooth_samples(500), smooth_samples(100, 1))
+    keeping = Keeping(tmp_path, {"data": "synthetic"})
+    fit_policy(FitProblem(policy, *samples, BRIEF.model_copy(update={"epochs": 4}), 3), keeping)
+    with pytest.raises(BadInput, match=r"holds 4 epochs, more than training\.epochs = 2"):
+        fit_policy(FitProblem(policy, *samples, BRIEF.model_copy(update={"epochs": 2}), 3), keeping)
 
 
 def make_policy_of_tests():
@@ -103,14 +146,14 @@ def make_policy_of_tests():
 
 def test_checkpoint_of_other_settings_is_refused_with_the_difference(uninterrupted):
     policy = make_policy_of_tests()
-    labels = smooth_labels(500), smooth_labels(100, 1)
+    labels = smooth_samples(500), smooth_samples(100, 1)
     faster = BRIEF.model_copy(update={"learning_rate": 0.02})
-    with pytest.raises(BadInput, match=r"training\.learning_rate was 0\.01, is 0\.02"):
-        fit_policy(policy, *labels, faster, IDENTITY, 3, uninterrupted)
-    with pytest.raises(BadInput, match=r'dataset_hash was "synthetic", is "other"'):
-        fit_policy(policy, *labels, BRIEF, {"dataset_hash": "other"}, 3, uninterrupted)
-    with pytest.raises(BadInput, match="seed was 3, is 4"):
-        fit_policy(policy, *labels, BRIEF, IDENTITY, 4, uninterrupted)
+    with pytest.raises(BadInput, match=r"training\.learning_rate: 0\.01 there, 0\.02 asked for"):
+        fit(policy, *labels, faster, 3, uninterrupted)
+    with pytest.raises(BadInput, match="data: 'synthetic' there, 'other' asked for"):
+        fit(policy, *labels, BRIEF, 3, uninterrupted, data="other")
+    with pytest.raises(BadInput, match="seed: 3 there, 4 asked for"):
+        fit(policy, *labels, BRIEF, 4, uninterrupted)
 
 
 def test_checkpoint_of_another_network_is_refused(uninterrupted):

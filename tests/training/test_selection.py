@@ -3,14 +3,14 @@
 import jax
 import numpy as np
 import pytest
-from synthetic import IDENTITY, LIMITS, SMALL, smooth_labels, table_scene
+from synthetic import LIMITS, SMALL, fit, smooth_samples, table_scene
 
 from agile_jax.policy import make_policy
-from agile_jax.training import TrainingSettings, fit_policy
+from agile_jax.training import TrainingSettings
 from agile_jax.training.checkpoint import load_parameters, restore_checkpoint
 from agile_jax.training.selection import chosen_seed, kept_epochs, stops, validation_errors
 
-LABELS = smooth_labels(500), smooth_labels(100, 1)
+LABELS = smooth_samples(500), smooth_samples(100, 1)
 # So high a rate that the validation error goes up and down.
 ROUGH = TrainingSettings(
     batch_size=64, epochs=9, checkpoint_every=4, learning_rate=0.05, schedule="constant", select="best", seeds=3
@@ -25,7 +25,7 @@ def policy():
 @pytest.fixture(scope="module")
 def three(policy, tmp_path_factory):
     directory = tmp_path_factory.mktemp("three")
-    return fit_policy(policy, *LABELS, ROUGH, IDENTITY, 3, directory), directory
+    return fit(policy, *LABELS, ROUGH, 3, directory), directory
 
 
 def alone(errors, patience):
@@ -56,12 +56,12 @@ def test_each_seed_keeps_what_it_would_keep_alone(patience):
 def test_seeds_at_once_equal_each_alone(number, three, policy, tmp_path):
     """Within rounding: vmap adds up products in another order. The order of the samples is the same to the bit."""
     together, _ = three
-    single = fit_policy(policy, *LABELS, ROUGH.model_copy(update={"seeds": 1}), IDENTITY, 3 + number, tmp_path)
+    single = fit(policy, *LABELS, ROUGH.model_copy(update={"seeds": 1}), 3 + number, tmp_path)
     errors = validation_errors(together.rows)[:, number]
     np.testing.assert_allclose(errors[:3], validation_errors(single.rows)[:3, 0], rtol=1e-3)
     brief = ROUGH.model_copy(update={"epochs": 1, "checkpoint_every": 1})
-    one = fit_policy(policy, *LABELS, brief.model_copy(update={"seeds": 1}), IDENTITY, 3 + number, tmp_path / "a")
-    many = fit_policy(policy, *LABELS, brief, IDENTITY, 3, tmp_path / "b")
+    one = fit(policy, *LABELS, brief.model_copy(update={"seeds": 1}), 3 + number, tmp_path / "a")
+    many = fit(policy, *LABELS, brief, 3, tmp_path / "b")
     for a, b in zip(jax.tree.leaves(one.parameters), jax.tree.leaves(many.by_seed), strict=True):
         np.testing.assert_allclose(a, b[number], atol=3e-5)
 
@@ -93,9 +93,9 @@ def test_interrupted_seeds_and_selection_go_on_to_the_same_bits(three, policy, t
             raise StopError
 
     with pytest.raises(StopError):
-        fit_policy(policy, *LABELS, ROUGH, IDENTITY, 3, tmp_path, stop)
+        fit(policy, *LABELS, ROUGH, 3, tmp_path, stop)
     assert {path.name for path in (tmp_path / "checkpoints").iterdir()} == {"4"}
-    resumed = fit_policy(policy, *LABELS, ROUGH, IDENTITY, 3, tmp_path)
+    resumed = fit(policy, *LABELS, ROUGH, 3, tmp_path)
     for a, b in zip(jax.tree.leaves(resumed.by_seed), jax.tree.leaves(whole.by_seed), strict=True):
         assert np.array_equal(a, b)
     assert (tmp_path / "metrics.jsonl").read_bytes() == (directory / "metrics.jsonl").read_bytes()
@@ -103,14 +103,14 @@ def test_interrupted_seeds_and_selection_go_on_to_the_same_bits(three, policy, t
 
 def test_early_stop_ends_with_a_checkpoint_and_stays_ended(policy, tmp_path):
     settings = ROUGH.model_copy(update={"patience": 2, "seeds": 1, "epochs": 60})
-    fitted = fit_policy(policy, *LABELS, settings, IDENTITY, 3, tmp_path)
+    fitted = fit(policy, *LABELS, settings, 3, tmp_path)
     errors = validation_errors(fitted.rows)[:, 0]
     best, end = alone(errors, 2)
     assert end == len(errors) < 60
     assert fitted.epochs.tolist() == [best]
     assert restore_checkpoint(tmp_path / "checkpoints", fitted.parameters).step == end
     calls = []
-    again = fit_policy(policy, *LABELS, settings, IDENTITY, 3, tmp_path, lambda *call: calls.append(call))
+    again = fit(policy, *LABELS, settings, 3, tmp_path, lambda *call: calls.append(call))
     assert calls == [(end, end, "training: done already")]
     assert again.compile_seconds == 0
     for a, b in zip(jax.tree.leaves(again.parameters), jax.tree.leaves(fitted.parameters), strict=True):

@@ -4,12 +4,11 @@ import jax
 import numpy as np
 import pytest
 from synthetic import LIMITS, TARGET, VELOCITY, empty_scene
-from test_stage import EXPERT, LOOPS, SCENE, straight_lines
+from test_stage import run, straight_lines
 
 from agile_jax.dataset import DatasetSettings, labels, samples, split_mask
 from agile_jax.policy import PolicySettings, make_policy
-from agile_jax.settings import BadInput
-from agile_jax.training import TrainingSettings, train
+from agile_jax.training import TrainingSettings
 from agile_jax.training.checkpoint import load_parameters
 from agile_jax.training.units import make_units
 
@@ -49,7 +48,7 @@ def test_units(dataset):
     h = np.diff(dataset.times[chosen]).mean()
 
     def unit(units, settings):
-        return make_units(dataset, settings, PLAIN, TrainingSettings(output_units=units), VELOCITY)
+        return make_units(dataset, settings, TrainingSettings(output_units=units), VELOCITY)
 
     np.testing.assert_allclose(unit("si", DatasetSettings()).output, 1)
     np.testing.assert_allclose(unit("limits", DatasetSettings()).output, VELOCITY)
@@ -61,7 +60,7 @@ def test_units(dataset):
     np.testing.assert_allclose(unit("std", DISPLACEMENT).output, steps.std(0) / h)
     still = dataset._replace(states=dataset.states * [1, 1, 1, 1, 1, 1, 1, 0])
     settings = TrainingSettings(output_units="std")
-    found = make_units(still, DatasetSettings(), PLAIN, settings, VELOCITY).output
+    found = make_units(still, DatasetSettings(), settings, VELOCITY).output
     assert found[3] == VELOCITY[3]
 
 
@@ -69,9 +68,7 @@ def test_units(dataset):
 def test_errors_are_those_of_the_network_in_its_own_units(target, units, dataset, tmp_path):
     reading = DatasetSettings(label_kind=target)
     training = SETTINGS.model_copy(update={"output_units": units})
-    summary = train(
-        dataset, SCENE, EXPERT, PLAIN, training, 0, tmp_path, closed_loop_settings=LOOPS, dataset_settings=reading
-    )
+    summary = run(dataset, tmp_path, policy=PLAIN, training=training, dataset=reading)
     policy = make_policy(empty_scene(), LIMITS, PLAIN)
     parameters = load_parameters(tmp_path, policy)
 
@@ -96,35 +93,14 @@ def test_errors_are_those_of_the_network_in_its_own_units(target, units, dataset
 
 def test_units_of_a_structured_policy_are_refused(dataset, tmp_path):
     residual = PolicySettings(hidden_layers=(16,))
-    with pytest.raises(BadInput, match=r'output_units = "std" is for policy\.kind = "plain"'):
-        train(
-            dataset,
-            SCENE,
-            EXPERT,
-            residual,
-            TrainingSettings(output_units="std"),
-            0,
-            tmp_path,
-            closed_loop_settings=LOOPS,
-        )
-    with pytest.raises(BadInput, match=r'dataset\.label_kind = "displacement" is for policy\.kind = "plain"'):
-        train(
-            dataset,
-            SCENE,
-            EXPERT,
-            residual,
-            SETTINGS,
-            0,
-            tmp_path,
-            closed_loop_settings=LOOPS,
-            dataset_settings=DISPLACEMENT,
-        )
+    with pytest.raises(ValueError, match=r'output_units = "std" is for policy\.kind = "plain"'):
+        run(dataset, tmp_path, policy=residual, training=TrainingSettings(output_units="std"))
+    with pytest.raises(ValueError, match=r'dataset\.label_kind = "displacement" is for policy\.kind = "plain"'):
+        run(dataset, tmp_path, policy=residual, training=SETTINGS, dataset=DISPLACEMENT)
 
 
 def test_several_seeds_in_the_summary(dataset, tmp_path):
-    summary = train(
-        dataset, SCENE, EXPERT, PLAIN, SETTINGS.model_copy(update={"seeds": 2}), 5, tmp_path, closed_loop_settings=LOOPS
-    )
+    summary = run(dataset, tmp_path, 5, policy=PLAIN, training=SETTINGS.model_copy(update={"seeds": 2}))
     assert summary["chosen_seed"] in (5, 6)
     assert summary["test_mse_seeds_min"] <= summary["test_mse"] <= summary["test_mse_seeds_max"]
     assert summary["test_mse_seeds_min"] < summary["test_mse_seeds_max"]

@@ -11,6 +11,7 @@ from jaxtyping import Array, Float
 
 from agile_jax.arrays import AnyArray
 from agile_jax.geometry import rotation_2d
+from agile_jax.scene import streams
 from agile_jax.simulation import TimedPath
 
 HEIGHT_RATE = 4.0  # climb or crouch per height error [1/s]
@@ -58,7 +59,7 @@ def random_commands(
         yaw_rate: largest to either side [rad/s].
         height: of the trunk [m].
     """
-    rows = np.array([np.random.default_rng((seed, 7_003, i)).uniform(size=3) for i in range(count)])
+    rows = np.array([np.random.default_rng((seed, streams.COMMANDS, i)).uniform(size=3) for i in range(count)])
     low, high = forward
     velocity = np.stack([low + (high - low) * rows[:, 0], sideways * (2 * rows[:, 1] - 1)], -1)
     return Command(velocity, yaw_rate * (2 * rows[:, 2] - 1), np.full(count, height))

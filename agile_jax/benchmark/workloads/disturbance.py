@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, UInt32
 
 from agile_jax.arrays import AnyArray
 from agile_jax.geometry import quaternion_to_rpy
+from agile_jax.scene import streams
 from agile_jax.simulation.mujoco_physics import TRUNK_BODY
 from agile_jax.simulation.sensed import Sensed
 
@@ -57,7 +58,7 @@ class Draws(NamedTuple):
 
 def draw(episodes: int, seed: int) -> Draws:
     """The draws of episodes 0, 1, ..."""
-    streams = [np.random.default_rng((seed, 7_002, episode)) for episode in range(episodes)]
+    streams = [np.random.default_rng((seed, streams.DISTURBANCES, episode)) for episode in range(episodes)]
     rows = [
         (rng.choice([-1.0, 1.0]), rng.uniform(0, 2 * np.pi), rng.uniform(*PUSH_WINDOW), rng.normal(size=12))
         for rng in streams

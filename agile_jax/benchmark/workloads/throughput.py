@@ -5,18 +5,20 @@ arrays, so that another framework can do the very same steps.
 """
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Float, Int, PyTree
 
 from agile_jax.expert import MotionLimits
 from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.policy import Encoding
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
-from agile_jax.training.epochs import Samples, TrainState, make_epoch, make_step
+from agile_jax.training.epochs import EncodedSamples, TrainState, make_epoch, make_step
 from agile_jax.training.optimizer import make_optimizer
 from agile_jax.training.precision import Precision
 from agile_jax.training.settings import TrainingSettings
@@ -25,33 +27,55 @@ from agile_jax.training.settings import TrainingSettings
 class Workload(NamedTuple):
     """A few steps of training the plain field: SGD on the mean squared error."""
 
-    poses: np.ndarray  # (m, 4)
-    labels: np.ndarray  # (m, 4)
-    rows: np.ndarray  # (steps, batch) of the samples
-    kernels: list[np.ndarray]  # (inputs, outputs) of each layer
-    biases: list[np.ndarray]
+    poses: Float[np.ndarray, "m 4"]  # of no unit, as the labels
+    labels: Float[np.ndarray, "m 4"]
+    rows: Int[np.ndarray, "steps batch"]  # of the samples
+    kernels: list[Float[np.ndarray, "inputs outputs"]]  # of each layer
+    biases: list[Float[np.ndarray, " outputs"]]
     learning_rate: float
 
 
-class Product(NamedTuple):
-    """One matrix product of a step."""
+@dataclass(frozen=True, eq=False)
+class Product:
+    """One matrix product of a step, compiled for its operands.
+
+    Attributes:
+        name: form and sizes.
+        flops: floating-point operations.
+    """
 
     name: str
     flops: float
-    run: Callable[[], None]
+    _compiled: jax.stages.Compiled
+    _operands: tuple[jax.Array, ...]
+
+    def run(self) -> None:
+        """Multiply, and wait for it."""
+        jax.block_until_ready(self._compiled(*self._operands))
 
 
-class Run(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class Run:
     """The work, compiled."""
 
-    prepare: Callable[[], TrainState]  # the beginning; not to be timed
-    work: Callable[[TrainState], np.ndarray]  # to the losses, shape (steps,)
+    _compiled: jax.stages.Compiled
+    _first: TrainState
+    _rest: tuple[PyTree, ...]
+
+    def prepare(self) -> TrainState:
+        """The beginning, not to be timed; a copy, since a run consumes it."""
+        return jax.block_until_ready(jax.tree.map(jnp.copy, self._first))
+
+    def work(self, state: TrainState) -> Float[np.ndarray, " steps"]:
+        """The losses of all steps."""
+        _, losses = jax.block_until_ready(self._compiled(state, *self._rest))
+        return np.asarray(losses)
 
 
 def make_workload(
     policy: PolicySettings, training: TrainingSettings, steps: int
-) -> tuple[Workload, Callable[[Precision], Run]]:
-    """The work, and a function that compiles it in a precision.
+) -> tuple[Workload, Callable[[Precision | None], Run]]:
+    """The work, and a function that compiles it in a precision; None leaves the products to the layers.
 
     Args:
         policy: hidden layers and activation; the field is always the plain one on raw inputs.
@@ -83,24 +107,16 @@ def make_workload(
         [np.asarray(layer["bias"]) for layer in layers],
         training.learning_rate,
     )
-    encoding = Encoding(jnp.asarray(poses), jnp.zeros((len(poses), POSE_SIZE)), jnp.ones((len(poses), 1)))
-    samples = Samples(encoding, jnp.asarray(labels))
+    zeros, ones = jnp.zeros((len(poses), POSE_SIZE), jnp.float32), jnp.ones((len(poses), 1), jnp.float32)
+    samples = EncodedSamples(Encoding(jnp.asarray(poses), zeros, ones), jnp.asarray(labels))
     optimizer = make_optimizer(training, steps)
 
-    def compiled(precision: Precision) -> Run:
+    def compiled(precision: Precision | None) -> Run:
         step = make_step(field, optimizer, precision)
-        epoch = make_epoch(step, len(poses), training.batch_size, lambda rows: rows)
+        epoch = make_epoch(step, len(poses), training.batch_size)
         first = TrainState(parameters, optimizer.init(parameters.network), jnp.int32(0))
-        run = jax.jit(epoch, donate_argnums=0).lower(first, samples, key, jnp.int32(0)).compile()
-
-        def prepare() -> TrainState:  # a copy, since a run consumes it
-            return jax.block_until_ready(jax.tree.map(jnp.copy, first))
-
-        def work(state: TrainState) -> np.ndarray:
-            state, losses = jax.block_until_ready(run(state, samples, key, jnp.int32(0)))
-            return np.asarray(losses)
-
-        return Run(prepare, work)
+        rest = samples, key, jnp.int32(0)
+        return Run(jax.jit(epoch, donate_argnums=0).lower(first, *rest).compile(), first, rest)
 
     return workload, compiled
 
@@ -131,9 +147,6 @@ def make_products(workload: Workload) -> list[Product]:
                 continue
             with jax.default_matmul_precision("float32"):
                 exact = product.lower(*operands).compile()
-
-            def run(exact: Callable = exact, operands: tuple = operands) -> None:
-                jax.block_until_ready(exact(*operands))
-
-            products.append(Product(f"{name} {batch}x{inputs}x{outputs}", 2.0 * batch * inputs * outputs, run))
+            flops = 2.0 * batch * inputs * outputs
+            products.append(Product(f"{name} {batch}x{inputs}x{outputs}", flops, exact, operands))
     return products
