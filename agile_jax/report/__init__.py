@@ -9,13 +9,7 @@ from agile_jax.lazy import lazy_names
 from agile_jax.report.settings import ReportSettings
 
 if TYPE_CHECKING:
-    from agile_jax.report.figures.episode_figures import (
-        draw_clearance,
-        draw_height,
-        draw_speed,
-        draw_torques,
-        episode_figure,
-    )
+    from agile_jax.report.figures.episode_figures import episode_figure
     from agile_jax.report.figures.plan_figures import draw_plan, plan_figure
     from agile_jax.report.figures.style import new_axes, save_figure
     from agile_jax.report.html import write_report
@@ -25,11 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "ReportSettings",
-    "draw_clearance",
-    "draw_height",
     "draw_plan",
-    "draw_speed",
-    "draw_torques",
     "episode_figure",
     "mark_outdated",
     "new_axes",
@@ -46,7 +36,7 @@ __getattr__ = lazy_names(
         "html": "write_report",
         "outdated": "mark_outdated",
         "video.rendering_record": "rendering_notes",
-        "figures.episode_figures": "draw_clearance draw_height draw_speed draw_torques episode_figure",
+        "figures.episode_figures": "episode_figure",
         "figures.plan_figures": "draw_plan plan_figure",
         "figures.style": "new_axes save_figure",
         "video.video": "render_video",

@@ -16,7 +16,7 @@ from agile_jax.simulation import OUTCOME_NAMES, SUCCESS, Trace
 from agile_jax.store.npz import NpzError, read_npz
 from agile_jax.training.kinematic_test.follow import OUTCOMES as TEST_OUTCOMES
 
-_WIDTHS = {"qpos": 19, "qvel": 18, "torque": 12, "reference": 2 * POSE_SIZE, "saturated": 12}
+_WIDTHS = {"qpos": (19,), "qvel": (18,), "torque": (12,), "reference": (2 * POSE_SIZE,), "saturated": (12,)}
 
 
 class Outcomes(NamedTuple):
@@ -50,11 +50,9 @@ def load_outcomes(path: pathlib.Path) -> Outcomes:
     Raises:
         BadInput: the file is damaged or is not one.
     """
-    arrays = load_arrays(path, "start", "outcome")
-    start, outcome = arrays["start"], arrays["outcome"]
-    _check(path, "start", start, (len(outcome), POSE_SIZE))
-    _check_codes(path, outcome, len(OUTCOME_NAMES))
-    return Outcomes(start.astype(float), outcome.astype(int))
+    arrays = _load(path, start=("n", POSE_SIZE), outcome=("n",))
+    _check_codes(path, arrays["outcome"], len(OUTCOME_NAMES))
+    return Outcomes(arrays["start"].astype(float), arrays["outcome"].astype(int))
 
 
 def load_episodes(path: pathlib.Path, outcomes: Outcomes) -> list[Episode]:
@@ -63,20 +61,14 @@ def load_episodes(path: pathlib.Path, outcomes: Outcomes) -> list[Episode]:
     Raises:
         BadInput: the file is damaged or does not fit the outcomes.
     """
-    arrays = load_arrays(path, "length", *Trace._fields)
-    length = arrays["length"]
-    count, steps = arrays["time"].shape[:2] if arrays["time"].ndim > 1 else (len(length), -1)
-    _check(path, "length", length, (count,))
-    for name in Trace._fields:
-        _check(path, name, arrays[name], (count, steps, *([_WIDTHS[name]] if name in _WIDTHS else [])))
-    if count > len(outcomes.outcome) or (length < 0).any() or (length > steps).any():
-        raise BadInput(f"{path}: the {count} traces do not fit the {len(outcomes.outcome)} episodes")
-    names = [OUTCOME_NAMES[code] for code in outcomes.outcome[:count]]
-    return [
-        Episode(row, name, Trace(*(arrays[field][row, : int(length[row])] for field in Trace._fields)))
-        for row, name in enumerate(names)
-        if length[row] > 0
-    ]
+    shapes = {name: ("n", "K", *_WIDTHS.get(name, ())) for name in Trace._fields}
+    arrays = _load(path, length=("n",), **shapes)
+    length, steps = arrays["length"], arrays["time"].shape[1]
+    if len(length) > len(outcomes.outcome) or (length < 0).any() or (length > steps).any():
+        raise BadInput(f"{path}: the {len(length)} traces do not fit the {len(outcomes.outcome)} episodes")
+    names = [OUTCOME_NAMES[code] for code in outcomes.outcome[: len(length)]]
+    traces = [Trace(*(arrays[field][row, :end] for field in Trace._fields)) for row, end in enumerate(length)]
+    return [Episode(row, name, traces[row]) for row, name in enumerate(names) if length[row] > 0]
 
 
 def choose_episode(scene: Scene, episodes: list[Episode]) -> Episode | None:
@@ -92,18 +84,13 @@ def load_kinematic_test(path: pathlib.Path) -> KinematicTest:
     Raises:
         BadInput: the file is damaged or is not one.
     """
-    arrays = load_arrays(path, "start", "outcome", "arrival_time", "expert_time", "worst", "worst_poses")
-    count, worst = len(arrays["outcome"]), arrays["worst"]
-    _check(path, "start", arrays["start"], (count, POSE_SIZE))
-    for name in ("arrival_time", "expert_time"):
-        _check(path, name, arrays[name], (count,))
-    _check(path, "worst_poses", arrays["worst_poses"], (len(worst), *arrays["worst_poses"].shape[1:2], POSE_SIZE))
+    shapes = {"start": ("n", POSE_SIZE), "worst": ("k",), "worst_poses": ("k", "K", POSE_SIZE)}
+    arrays = _load(path, **shapes, **{name: ("n",) for name in ("outcome", "arrival_time", "expert_time")})
     _check_codes(path, arrays["outcome"], len(TEST_OUTCOMES))
-    if not np.isin(worst, np.arange(count)).all():
-        raise BadInput(f"{path}: worst names rows outside 0 to {count - 1}")
+    _check_codes(path, arrays["worst"], len(arrays["outcome"]))
     ratio = arrays["arrival_time"].astype(float) / arrays["expert_time"]
     start, poses = arrays["start"].astype(float), arrays["worst_poses"].astype(float)
-    return KinematicTest(start, arrays["outcome"].astype(int), ratio, worst.astype(int), poses)
+    return KinematicTest(start, arrays["outcome"].astype(int), ratio, arrays["worst"].astype(int), poses)
 
 
 def load_test_errors(path: pathlib.Path) -> tuple[Float[np.ndarray, "m 4"], Float[np.ndarray, " m"]]:
@@ -112,8 +99,7 @@ def load_test_errors(path: pathlib.Path) -> tuple[Float[np.ndarray, "m 4"], Floa
     Raises:
         BadInput: the file is damaged or is not one.
     """
-    arrays = load_arrays(path, "pose", "error")
-    _check(path, "pose", arrays["pose"], (len(arrays["error"]), POSE_SIZE))
+    arrays = _load(path, pose=("m", POSE_SIZE), error=("m",))
     return arrays["pose"].astype(float), arrays["error"].astype(float)
 
 
@@ -123,31 +109,27 @@ def load_columns(path: pathlib.Path) -> dict[str, Float[np.ndarray, " n"]]:
     Raises:
         BadInput: the file is damaged or is not one.
     """
-    arrays = load_arrays(path)
-    return {name: a.astype(float) for name, a in arrays.items() if a.dtype.kind in "bif" and a.ndim == 1}
+    return {name: a.astype(float) for name, a in _load(path).items() if a.dtype.kind in "bif" and a.ndim == 1}
 
 
-def load_arrays(path: pathlib.Path, *names: str) -> dict[str, np.ndarray]:
-    """The arrays of an npz file, among them those that are named.
-
-    Raises:
-        BadInput: the file cannot be read, or an array is missing.
-    """
+def _load(path: pathlib.Path, **shapes: tuple[str | int, ...]) -> dict[str, np.ndarray]:
+    """The arrays of an npz file, among them those named, of their shapes: a letter stands for one length in all."""
     try:
         arrays = read_npz(path)
     except NpzError as error:
         raise BadInput(f"{path}: {error}") from error
-    missing = [name for name in names if name not in arrays]
-    if missing:
-        raise BadInput(f"{path}: the array {missing[0]} is missing")
+    lengths: dict[str | int, int] = {}
+    for name, shape in shapes.items():
+        if name not in arrays:
+            raise BadInput(f"{path}: the array {name} is missing")
+        found = arrays[name].shape
+        pairs = zip(shape, found, strict=False)  # their numbers are compared below
+        wanted = [n if isinstance(n, int) else lengths.setdefault(n, length) for n, length in pairs]
+        if len(found) != len(shape) or list(found) != wanted:
+            raise BadInput(f"{path}: {name} has shape {found}, which does not fit {shape} and the other arrays")
     return arrays
 
 
-def _check(path: pathlib.Path, name: str, array: np.ndarray, shape: tuple[int, ...]) -> None:
-    if array.shape != shape:
-        raise BadInput(f"{path}: {name} has shape {array.shape}, not {shape}")
-
-
-def _check_codes(path: pathlib.Path, outcome: np.ndarray, count: int) -> None:
-    if outcome.ndim != 1 or not np.isin(outcome, np.arange(count)).all():
-        raise BadInput(f"{path}: outcome must be one axis of numbers from 0 to {count - 1}")
+def _check_codes(path: pathlib.Path, codes: np.ndarray, count: int) -> None:
+    if not np.isin(codes, np.arange(count)).all():
+        raise BadInput(f"{path}: holds {codes.max()} where numbers go from 0 to {count - 1}")

@@ -9,39 +9,18 @@ from collections.abc import Iterator
 from typing import Literal
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from PIL import Image
 
 from agile_jax.experiment import Experiment
 from agile_jax.expert import Trajectory, make_expert, planning_margin
 from agile_jax.files import write_atomic
-from agile_jax.report import page
-from agile_jax.report.figures.episode_figures import episode_figure
-from agile_jax.report.figures.evaluation_figures import (
-    draw_outcomes,
-    draw_success_map,
-    qualities,
-    qualities_figure,
-)
-from agile_jax.report.figures.kinematic_test_figures import arrivals_figure, error_map_figure, worst_paths_figure
-from agile_jax.report.figures.learning_figures import (
-    ACCELERATION,
-    SPEED,
-    draw_learning_curve,
-    draw_velocity_field_side,
-    velocity_field_figure,
-)
+from agile_jax.report import page, reading
+from agile_jax.report.figures import episode_figures, evaluation_figures, kinematic_test_figures, learning_figures
 from agile_jax.report.figures.plan_figures import plan_figure
-from agile_jax.report.figures.style import new_figure, save_figure
+from agile_jax.report.figures.style import new_axes, save_figure
 from agile_jax.report.json_files import Summary, read_metrics
-from agile_jax.report.reading import (
-    Episode,
-    choose_episode,
-    load_columns,
-    load_episodes,
-    load_kinematic_test,
-    load_outcomes,
-    load_test_errors,
-)
 from agile_jax.report.sections import error_unit, squared_error_unit
 from agile_jax.report.under_obstacles import crawl_height, went_under
 from agile_jax.report.video.camera import Picture, film, join, snapshots
@@ -51,6 +30,24 @@ from agile_jax.scene import Scene, clearance, make_scene, planar_scene
 from agile_jax.training import load_policy
 
 TEST_ROWS = ("kinematic_test.npz", "closed_loop.npz")  # the second of older runs
+CAPTIONS = {  # by the name of the figure
+    "paths": "Minimum-time paths from ({x:g}, {y:g}) m to the target, from above, from the side and from the front. "
+    "Rectangles: the torso's envelope at equal intervals of time.",
+    "learning_curve": "Error of the field on the training and on the validation trajectories; dotted: the labels' own "
+    "noise.",
+    "velocity_field": "The learned {what} from above, at the target's yaw. Nothing is drawn where the torso would "
+    "touch the obstacle.",
+    "velocity_field_side": "The same from the side, in the plane of the target: how it ducks, and rises again.",
+    "error_map": "Error on held-out trajectories by place, from above and from the side.",
+    "arrivals": "A kinematic robot follows the policy from {starts} starts that no training has seen: arrival time "
+    "over the duration of the expert's path from the same start, and how many failed.",
+    "worst_paths": "The worst of them: those that failed, came nearest to an obstacle, or arrived latest.",
+    "outcomes": "Where the episodes started, and how they ended. Obstacles are brown, the target is the arrow.",
+    "success": "Starts by cell, with their number; where episodes failed, red, with how many of them did.",
+    "qualities": "How the episodes went, as cumulative distributions.",
+    "episode": "Episode {row} ({outcome}): height of the trunk and what is above it, speed in the plane, clearance of "
+    "the torso's envelope, torques of the twelve joints.",
+}
 FEW = 400  # episodes below which the single starts say more than a map
 
 
@@ -85,12 +82,7 @@ def paths(run_dir: pathlib.Path, experiment: Experiment) -> str:
     words = page.paragraph(" ".join(sentences))
     if not drawn:
         return words
-    path = save_figure(plan_figure(scene, drawn), run_dir / "figures" / "paths.png")
-    caption = (
-        f"Minimum-time paths from ({start[0]:g}, {start[1]:g}) m to the target, from above, from the side and from the "
-        "front. Rectangles: the torso's envelope at equal intervals of time."
-    )
-    return page.picture(path, caption) + words
+    return _picture(run_dir, "paths", plan_figure(scene, drawn), x=start[0], y=start[1]) + words
 
 
 def learning_curve(run_dir: pathlib.Path, experiment: Experiment, noise_floor: float | None) -> str:
@@ -103,12 +95,9 @@ def learning_curve(run_dir: pathlib.Path, experiment: Experiment, noise_floor: f
             rows.append(row | {"epoch": len(rows)})
     if not rows:
         return page.paragraph("There is no learning curve: training/metrics.jsonl holds no epoch yet.")
-    figure = new_figure(7.0, 3.6)
-    draw_learning_curve(figure.add_subplot(), rows, noise_floor, squared_error_unit(experiment.policy.kind))
-    return page.picture(
-        save_figure(figure, run_dir / "figures" / "learning_curve.png"),
-        "Error of the field on the training and on the validation trajectories; dotted: the labels' own noise.",
-    )
+    ax = new_axes(7.0, 3.6)
+    learning_figures.draw_learning_curve(ax, rows, noise_floor, squared_error_unit(experiment.policy.kind))
+    return _picture(run_dir, "learning_curve", ax)
 
 
 def velocity_field(run_dir: pathlib.Path, experiment: Experiment) -> str:
@@ -124,45 +113,25 @@ def velocity_field(run_dir: pathlib.Path, experiment: Experiment) -> str:
         heights[f"at the height of crawling, {crawl:.2f} m"] = crawl
     accelerations = policy.policy.learns == "acceleration"
     what = "acceleration from rest" if accelerations else "velocity field"
-    amount = ACCELERATION if accelerations else SPEED
-    figure = velocity_field_figure(scene, policy.batch, heights, amount)
-    above = page.picture(
-        save_figure(figure, run_dir / "figures" / "velocity_field.png"),
-        f"The learned {what} from above, at the target's yaw. Nothing is drawn where the torso would touch the "
-        "obstacle.",
-    )
-    figure = new_figure(7.4, 2.9)
-    draw_velocity_field_side(figure.add_subplot(), scene, policy.batch, amount)
-    return above + page.picture(
-        save_figure(figure, run_dir / "figures" / "velocity_field_side.png"),
-        "The same from the side, in the plane of the target: how it ducks, and rises again.",
-    )
+    amount = learning_figures.ACCELERATION if accelerations else learning_figures.SPEED
+    figure = learning_figures.velocity_field_figure(scene, policy.batch, heights, amount)
+    side = learning_figures.draw_velocity_field_side(new_axes(7.4, 2.9), scene, policy.batch, amount)
+    return _picture(run_dir, "velocity_field", figure, what=what) + _picture(run_dir, "velocity_field_side", side)
 
 
 def kinematic_test(run_dir: pathlib.Path, experiment: Experiment) -> str:
     """Where the field errs, and how a kinematic robot that follows it ends from held-out starts."""
-    scene, figures, directory = make_scene(experiment.scene), run_dir / "figures", run_dir / "training"
-    html = ""
+    scene, directory, html = make_scene(experiment.scene), run_dir / "training", ""
     if (directory / "test_errors.npz").is_file():
-        figure = error_map_figure(
-            scene, *load_test_errors(directory / "test_errors.npz"), error_unit(experiment.policy.kind)
-        )
-        html += page.picture(
-            save_figure(figure, figures / "error_map.png"),
-            "Error on held-out trajectories by place, from above and from the side.",
-        )
+        poses, errors = reading.load_test_errors(directory / "test_errors.npz")
+        figure = kinematic_test_figures.error_map_figure(scene, poses, errors, error_unit(experiment.policy.kind))
+        html += _picture(run_dir, "error_map", figure)
     rows = next((path for name in TEST_ROWS if (path := directory / name).is_file()), None)
     if rows is not None:
-        test = load_kinematic_test(rows)
-        html += page.picture(
-            save_figure(arrivals_figure(scene, test), figures / "arrivals.png"),
-            f"A kinematic robot follows the policy from {len(test.start)} starts that no training has seen: arrival "
-            "time over the duration of the expert's path from the same start, and how many failed.",
-        )
-        html += page.picture(
-            save_figure(worst_paths_figure(scene, test), figures / "worst_paths.png"),
-            "The worst of them: those that failed, came nearest to an obstacle, or arrived latest.",
-        )
+        test = reading.load_kinematic_test(rows)
+        figure = kinematic_test_figures.arrivals_figure(scene, test)
+        html += _picture(run_dir, "arrivals", figure, starts=len(test.start))
+        html += _picture(run_dir, "worst_paths", kinematic_test_figures.worst_paths_figure(scene, test))
     return html
 
 
@@ -173,43 +142,36 @@ def evaluation(run_dir: pathlib.Path, experiment: Experiment, backend: str) -> t
         HTML of the outcomes and the episode; HTML of video and snapshots, "" without traces; how these were rendered.
     """
     scene, robot = make_scene(experiment.scene), load_robot(experiment.robot)
-    figures, folder = run_dir / "figures", run_dir / "evaluation"
-    rows = folder / f"{backend}.npz"
+    rows = run_dir / "evaluation" / f"{backend}.npz"
     if not rows.is_file():
         return page.paragraph(f"There is no evaluation/{backend}.npz."), "", None
-    outcomes = load_outcomes(rows)
-    figure = new_figure(8.0, 4.6)
-    draw_outcomes(figure.add_subplot(), scene, outcomes)
-    shown = page.picture(
-        save_figure(figure, figures / f"outcomes_{backend}.png"),
-        "Where the episodes started, and how they ended. Obstacles are brown, the target is the arrow.",
-    )
+    outcomes = reading.load_outcomes(rows)
+    ax = evaluation_figures.draw_outcomes(new_axes(8.0, 4.6), scene, outcomes)
+    shown = _picture(run_dir, "outcomes", ax, backend)
     if len(outcomes.outcome) >= FEW:
-        figure = new_figure(8.0, 5.4)
-        draw_success_map(figure.add_subplot(), scene, outcomes)
-        shown += page.picture(
-            save_figure(figure, figures / f"success_{backend}.png"),
-            "Starts by cell, with their number; where episodes failed, red, with how many of them did.",
-        )
-    found = qualities(load_columns(rows), float(robot.link_masses.sum()))
+        ax = evaluation_figures.draw_success_map(new_axes(8.0, 5.4), scene, outcomes)
+        shown += _picture(run_dir, "success", ax, backend)
+    found = evaluation_figures.qualities(reading.load_columns(rows), float(robot.link_masses.sum()))
     if found:
-        path = save_figure(qualities_figure(found), figures / f"qualities_{backend}.png")
-        shown += page.picture(path, "How the episodes went, as cumulative distributions.")
-    traces = folder / f"{backend}-traces.npz"
-    episode = choose_episode(scene, load_episodes(traces, outcomes)) if traces.is_file() else None
+        shown += _picture(run_dir, "qualities", evaluation_figures.qualities_figure(found), backend)
+    traces = run_dir / "evaluation" / f"{backend}-traces.npz"
+    episode = reading.choose_episode(scene, reading.load_episodes(traces, outcomes)) if traces.is_file() else None
     if episode is None:
         return shown + page.paragraph("No episode was recorded."), "", None
-    figure = episode_figure(scene, episode.trace, np.asarray(robot.torque_limit))
-    shown += page.picture(
-        save_figure(figure, figures / f"episode_{backend}.png"),
-        f"Episode {episode.row} ({episode.outcome}): height of the trunk and what is above it, speed in the plane, "
-        "clearance of the torso's envelope, torques of the twelve joints.",
-    )
+    figure = episode_figures.episode_figure(scene, episode.trace, np.asarray(robot.torque_limit))
+    shown += _picture(run_dir, "episode", figure, backend, row=episode.row, outcome=episode.outcome)
     return shown, *_pictures(run_dir, experiment, scene, episode, backend)
 
 
+def _picture(run_dir: pathlib.Path, name: str, drawn: Figure | Axes, backend: str = "", **values: object) -> str:
+    """Keep a figure in `figures/` of the run, one for each backend where there are several, and show it."""
+    file = f"{name}_{backend}.png" if backend else f"{name}.png"
+    path = save_figure(drawn, run_dir / "figures" / file)
+    return page.picture(path, CAPTIONS[name].format(**values))
+
+
 def _pictures(
-    run_dir: pathlib.Path, experiment: Experiment, scene: Scene, episode: Episode, backend: str
+    run_dir: pathlib.Path, experiment: Experiment, scene: Scene, episode: reading.Episode, backend: str
 ) -> tuple[str, Rendered]:
     """Video and snapshots (the paper's figure 3) of an episode, rendered in one go."""
     settings, trace = experiment.report, episode.trace

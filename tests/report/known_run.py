@@ -3,8 +3,8 @@
 import pathlib
 
 import numpy as np
-from agile_jax.evaluation.store import save_traces
 
+from agile_jax.evaluation.traces import save_traces
 from agile_jax.experiment import Experiment
 from agile_jax.expert import ExpertSettings
 from agile_jax.report.settings import ReportSettings

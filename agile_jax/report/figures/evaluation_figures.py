@@ -9,8 +9,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Rectangle
 
+from agile_jax.report.figures import style
 from agile_jax.report.figures.scene_drawing import draw_obstacles, draw_target
-from agile_jax.report.figures.style import BLACK, BLUE, ORANGE, PURPLE, RED, dress, legend, new_figure
 from agile_jax.report.reading import Outcomes
 from agile_jax.robot import GRAVITY
 from agile_jax.scene import Scene
@@ -22,11 +22,11 @@ ARRIVAL_LABELS = {  # by what the arrival is compared with
 }
 CELL = 0.25  # edge of a map's cells [m]
 OUTCOME_LOOKS = {  # colour and marker: told apart without colour, too
-    "success": (BLUE, "o"),
-    "collision": (RED, "X"),
-    "fall": (ORANGE, "v"),
-    "timeout": (PURPLE, "s"),
-    "unstable": (BLACK, "P"),
+    "success": (style.BLUE, "o"),
+    "collision": (style.RED, "X"),
+    "fall": (style.ORANGE, "v"),
+    "timeout": (style.PURPLE, "s"),
+    "unstable": (style.BLACK, "P"),
 }
 
 
@@ -68,7 +68,7 @@ def qualities(columns: Mapping[str, Float[np.ndarray, " n"]], mass: float) -> li
 
 def draw_outcomes(ax: Axes, scene: Scene, outcomes: Outcomes) -> Axes:
     """Starts in the plane, coloured by how their episode ended, with obstacles, target and counts. Returns `ax`."""
-    dress(ax, "x [m]", "y [m]")
+    style.dress(ax, "x [m]", "y [m]")
     draw_obstacles(ax, scene, "above")
     for number, name in enumerate(OUTCOME_NAMES):
         starts = outcomes.start[outcomes.outcome == number]
@@ -89,7 +89,7 @@ def draw_outcomes(ax: Axes, scene: Scene, outcomes: Outcomes) -> Axes:
     draw_target(ax, scene, "above")
     ax.set_aspect("equal", adjustable="datalim")
     ax.margins(0.08)
-    legend(ax, outside=True, title=f"{len(outcomes.outcome)} starts")
+    style.legend(ax, outside=True, title=f"{len(outcomes.outcome)} starts")
     return ax
 
 
@@ -98,18 +98,18 @@ def draw_success_map(ax: Axes, scene: Scene, outcomes: Outcomes) -> Axes:
 
     Returns `ax`. Few hundred episodes are better seen one by one: `draw_outcomes`.
     """
-    dress(ax, "x [m]", "y [m]")
+    style.dress(ax, "x [m]", "y [m]")
     cells = np.floor(outcomes.start[:, :2] / CELL).astype(int)
     for cell in np.unique(cells, axis=0):
         inside = (cells == cell).all(1)
         count, failed = int(inside.sum()), int((outcomes.outcome[inside] != SUCCESS).sum())
-        color = BLUE if failed == 0 else RED
+        color = style.BLUE if failed == 0 else style.RED
         strength = 0.15 + 0.55 * (min(1.0, np.log10(count + 1) / 2.5) if failed == 0 else min(1.0, 4 * failed / count))
         square = Rectangle(tuple(cell * CELL), CELL, CELL, facecolor=color, alpha=strength, linewidth=0, zorder=3)
         ax.add_patch(square)
         words = str(count) if failed == 0 else f"{failed}/{count}"
         x, y = (cell + 0.5) * CELL
-        ax.text(x, y, words, ha="center", va="center", fontsize=5.5, color=BLACK, zorder=5)
+        ax.text(x, y, words, ha="center", va="center", fontsize=5.5, color=style.BLACK, zorder=5)
     draw_obstacles(ax, scene, "above", alpha=0.35)
     draw_target(ax, scene, "above")
     low, high = cells.min(0) * CELL, (cells.max(0) + 1) * CELL
@@ -121,18 +121,18 @@ def draw_success_map(ax: Axes, scene: Scene, outcomes: Outcomes) -> Axes:
 
 def draw_distribution(ax: Axes, quality: Quality) -> Axes:
     """The cumulative distribution of one quality over the episodes. Returns `ax`."""
-    dress(ax, quality.label)
+    style.dress(ax, quality.label)
     values = np.sort(quality.values)
-    ax.plot(values, np.arange(1, len(values) + 1) / len(values), color=BLUE, linewidth=1.5)
+    ax.plot(values, np.arange(1, len(values) + 1) / len(values), color=style.BLUE, linewidth=1.5)
     if quality.mark is not None:
-        ax.axvline(quality.mark, color=BLACK, linewidth=0.8, linestyle=":")
+        ax.axvline(quality.mark, color=style.BLACK, linewidth=0.8, linestyle=":")
     ax.set_ylim(0, 1.02)
     return ax
 
 
 def qualities_figure(found: list[Quality]) -> Figure:
     """Cumulative distributions of at least one quality, side by side."""
-    figure = new_figure(2.1 * len(found) + 0.6, 2.6)
+    figure = style.new_figure(2.1 * len(found) + 0.6, 2.6)
     panels = np.atleast_1d(figure.subplots(1, len(found), sharey=True))
     for ax, quality in zip(panels, found, strict=True):
         draw_distribution(ax, quality)

@@ -8,23 +8,13 @@ from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm, Normalize
 from matplotlib.figure import Figure
 
+from agile_jax.report.figures import style
 from agile_jax.report.figures.scene_drawing import AXIS_LABELS, VIEW_AXES, View, draw_obstacles, draw_target
-from agile_jax.report.figures.style import (
-    BLACK,
-    BLUE,
-    ORANGE,
-    PURPLE,
-    RED,
-    color_bar,
-    dress,
-    legend,
-    new_figure,
-)
 from agile_jax.report.reading import KinematicTest
 from agile_jax.scene import Scene
 from agile_jax.training.kinematic_test.follow import ARRIVED, OUTCOMES
 
-FAILED_LOOKS = {"collided": (RED, "X"), "stalled": (ORANGE, "v"), "timeout": (PURPLE, "s")}
+FAILED_LOOKS = {"collided": (style.RED, "X"), "stalled": (style.ORANGE, "v"), "timeout": (style.PURPLE, "s")}
 CELLS = 60  # hexagons across an error map
 ROOM = 0.3  # [m] around all that is drawn
 _VIEWS: tuple[View, View] = ("above", "side")
@@ -34,7 +24,7 @@ Range: TypeAlias = tuple[float, float]
 
 def arrivals_figure(scene: Scene, test: KinematicTest) -> Figure:
     """Starts by their arrival time over the expert's, failures marked; and the distribution of these times."""
-    figure = new_figure(9.0, 4.2)
+    figure = style.new_figure(9.0, 4.2)
     left, right = figure.subplots(1, 2, width_ratios=[1.6, 1.0])
     draw_arrivals(left, scene, test)
     draw_arrival_times(right, test)
@@ -43,14 +33,14 @@ def arrivals_figure(scene: Scene, test: KinematicTest) -> Figure:
 
 def draw_arrivals(ax: Axes, scene: Scene, test: KinematicTest) -> Axes:
     """Starts in the plane, coloured by the arrival time over the expert's, failures marked. Returns `ax`."""
-    dress(ax, "x [m]", "y [m]")
+    style.dress(ax, "x [m]", "y [m]")
     draw_obstacles(ax, scene, "above", alpha=0.35)
     arrived = np.flatnonzero((test.outcome == ARRIVED) & np.isfinite(test.ratio))
     rows = arrived[np.argsort(test.ratio[arrived])]  # the late ones on top
     ratio, norm = test.ratio[rows], Normalize(*_spread(test.ratio[rows]))
     x, y = test.start[rows, 0], test.start[rows, 1]
     points = ax.scatter(x, y, c=ratio, cmap="viridis", norm=norm, s=6, linewidths=0, zorder=4)
-    color_bar(points, ax, "arrival time over the expert's", "both")
+    style.color_bar(points, ax, "arrival time over the expert's", "both")
     for name, (color, marker) in FAILED_LOOKS.items():
         failed = test.start[test.outcome == OUTCOMES.index(name)]
         if len(failed):
@@ -58,20 +48,20 @@ def draw_arrivals(ax: Axes, scene: Scene, test: KinematicTest) -> Axes:
             ax.scatter(failed[:, 0], failed[:, 1], s=40, c=color, marker=marker, zorder=5, label=label)
     draw_target(ax, scene, "above")
     ax.set_aspect("equal", adjustable="datalim")
-    legend(ax, "upper right")
+    style.legend(ax, "upper right")
     return ax
 
 
 def draw_arrival_times(ax: Axes, test: KinematicTest) -> Axes:
     """Cumulative distribution, over all starts, of the arrival time over the expert's. Returns `ax`."""
-    dress(ax, "arrival time over the expert's", "fraction of the starts")
+    style.dress(ax, "arrival time over the expert's", "fraction of the starts")
     values = np.sort(test.ratio[(test.outcome == ARRIVED) & np.isfinite(test.ratio)])
     if len(values):
-        ax.plot(values, np.arange(1, len(values) + 1) / len(test.outcome), color=BLUE, linewidth=1.6)
+        ax.plot(values, np.arange(1, len(values) + 1) / len(test.outcome), color=style.BLUE, linewidth=1.6)
         low, high = min(1.0, values[0]), max(1.0, float(np.quantile(values, 0.999)))
         room = 0.05 * max(high - low, 0.01)
         ax.set_xlim(low - room, high + room)
-    ax.axvline(1.0, color=BLACK, linewidth=0.8, linestyle=":")
+    ax.axvline(1.0, color=style.BLACK, linewidth=0.8, linestyle=":")
     ax.set_ylim(0, 1.02)
     return ax
 
@@ -82,7 +72,7 @@ def worst_paths_figure(scene: Scene, test: KinematicTest) -> Figure:
     for ax, view in zip(panels, _VIEWS, strict=True):
         across, up = VIEW_AXES[view]
         for row, poses in zip(test.worst, test.worst_poses, strict=True):
-            color = FAILED_LOOKS.get(OUTCOMES[int(test.outcome[row])], (BLUE, ""))[0]
+            color = FAILED_LOOKS.get(OUTCOMES[int(test.outcome[row])], (style.BLUE, ""))[0]
             ax.plot(poses[:, across], poses[:, up], color=color, linewidth=0.9, alpha=0.8, zorder=4)
             ax.plot(poses[:1, across], poses[:1, up], "o", color=color, markersize=3, zorder=5)
     return figure
@@ -113,7 +103,7 @@ def error_map_figure(
             cmap="magma",
             linewidths=0.1,
         )
-    color_bar(cells, panels, f"root mean square error [{unit}]", "both")
+    style.color_bar(cells, panels, f"root mean square error [{unit}]", "both")
     return figure
 
 
@@ -123,11 +113,11 @@ def _two_views(scene: Scene, points: Float[np.ndarray, "n 3"]) -> tuple[Figure, 
     low, high = cloud.min(0) - ROOM, cloud.max(0) + ROOM
     width = 6.0  # [inch] of the panels
     above = width * (high[1] - low[1]) / (high[0] - low[0])
-    figure = new_figure(width + 1.5, above + 0.35 * width + 1.2)
+    figure = style.new_figure(width + 1.5, above + 0.35 * width + 1.2)
     panels = list(figure.subplots(2, 1, sharex=True, height_ratios=[above, 0.35 * width]))
     for ax, view in zip(panels, _VIEWS, strict=True):
         across, up = VIEW_AXES[view]
-        dress(ax, AXIS_LABELS[across] if view == "side" else "", AXIS_LABELS[up])
+        style.dress(ax, AXIS_LABELS[across] if view == "side" else "", AXIS_LABELS[up])
         draw_obstacles(ax, scene, view, alpha=0.3)
         draw_target(ax, scene, view)
     panels[0].set_xlim(low[0], high[0])

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.gridspec import SubplotSpec
 from matplotlib.lines import Line2D
 
+from agile_jax.report.figures import style
 from agile_jax.report.figures.motions import Motion, by_label, timed_poses
 from agile_jax.report.figures.scene_drawing import (
     VIEW_AXES,
@@ -20,10 +21,9 @@ from agile_jax.report.figures.scene_drawing import (
     draw_torso,
     frame,
 )
-from agile_jax.report.figures.style import BLACK, BLUE, GREEN, GREY, ORANGE, PURPLE, RED, dress, legend, new_figure
 from agile_jax.scene import Scene
 
-PATH_COLORS = (GREEN, RED, BLUE, ORANGE, PURPLE)
+PATH_COLORS = (style.GREEN, style.RED, style.BLUE, style.ORANGE, style.PURPLE)
 PATH_DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), "-.", ":")
 ENVELOPES = 9  # drawn along a path
 _SURROUNDINGS = 0.12  # [m] seen around all that is drawn
@@ -36,7 +36,7 @@ def draw_plan(ax: Axes, scene: Scene, paths: Motion | Mapping[str, Motion], view
         ax: is drawn on; `new_axes()` makes one.
         scene: obstacles and target.
         paths: one, or several by label: an expert's trajectory, a recorded episode. The first is green, the second
-            red. The legend adds each one's duration.
+            red. The style.legend adds each one's duration.
         view: from above (x, y), from the side (x, z) or from the front (y, z).
 
     Returns:
@@ -44,12 +44,12 @@ def draw_plan(ax: Axes, scene: Scene, paths: Motion | Mapping[str, Motion], view
     """
     paths = by_label(paths)
     _draw_view(ax, scene, paths, view)
-    legend(ax)
+    style.legend(ax)
     return ax
 
 
 def _draw_view(ax: Axes, scene: Scene, paths: Mapping[str, Motion], view: View) -> None:
-    dress(ax)
+    style.dress(ax)
     if view != "above":
         draw_floor(ax)
     draw_obstacles(ax, scene, view)
@@ -60,13 +60,13 @@ def _draw_view(ax: Axes, scene: Scene, paths: Mapping[str, Motion], view: View) 
 
 
 def plan_figure(scene: Scene, paths: Motion | Mapping[str, Motion], title: str = "") -> Figure:
-    """The three views of `draw_plan` at one scale, with a legend and a title."""
+    """The three views of `draw_plan` at one scale, with a style.legend and a title."""
     paths = by_label(paths)
     low, high = _extent(scene, paths)
     size = high - low
     scale = 7.0 / (size[0] + size[1])  # [inch/m]
     width, height = scale * (size[0] + size[1]) + 1.4, scale * (size[1] + size[2]) + 1.7
-    figure = new_figure(max(width, 6.0), max(height, 3.5))
+    figure = style.new_figure(max(width, 6.0), max(height, 3.5))
     grid = figure.add_gridspec(2, 2, width_ratios=[size[0], size[1]], height_ratios=[size[1], size[2]])
     cells: dict[View, SubplotSpec] = {"above": grid[0, 0], "side": grid[1, 0], "front": grid[1, 1]}
     for view, cell in cells.items():
@@ -74,8 +74,8 @@ def plan_figure(scene: Scene, paths: Motion | Mapping[str, Motion], title: str =
         _draw_view(ax, scene, paths, view)
         ax.set_title(f"from {'' if view == 'above' else 'the '}{view}", fontsize=10, loc="left")
     lines = [_line(number, label, motion) for number, (label, motion) in enumerate(paths.items())]
-    lines.append(Line2D([], [], linestyle="", marker="o", color="white", markeredgecolor=GREY, label="start"))
-    lines.append(Line2D([], [], linestyle="", marker="D", color=BLACK, markersize=5, label="target"))
+    lines.append(Line2D([], [], linestyle="", marker="o", color="white", markeredgecolor=style.GREY, label="start"))
+    lines.append(Line2D([], [], linestyle="", marker="D", color=style.BLACK, markersize=5, label="target"))
     corner = figure.add_subplot(grid[0, 1])
     corner.axis("off")
     corner.legend(handles=lines, loc="center", fontsize=8.5, frameon=False, handlelength=2.6, labelspacing=1.0)

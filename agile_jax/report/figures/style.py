@@ -72,9 +72,10 @@ def color_bar(drawn: ScalarMappable, axes: Axes | list[Axes], label: str, extend
     bar.ax.tick_params(labelsize=8)
 
 
-def save_figure(figure: Figure, path: pathlib.Path) -> pathlib.Path:
-    """Write the figure as PNG, atomically, the same bytes for the same figure. Returns `path`."""
-    buffer = io.BytesIO()
+def save_figure(drawn: Figure | Axes, path: pathlib.Path) -> pathlib.Path:
+    """Write a figure, or that of axes, as PNG, atomically, the same bytes for the same figure. Returns `path`."""
+    figure, buffer = drawn.figure, io.BytesIO()
+    assert isinstance(figure, Figure)
     figure.savefig(buffer, format="png", metadata={"Software": None})
     write_atomic(path, buffer.getvalue())
     return path
