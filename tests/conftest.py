@@ -11,8 +11,10 @@ from jaxtyping import install_import_hook
 
 CHECKED = [  # packages whose annotations, shapes too, are checked at every call in these tests
     "agile_jax.report",
+    "agile_jax.evaluation",
     "agile_jax.expert",
     "agile_jax.geometry",
+    "agile_jax.robot",
     "agile_jax.scene",
     "agile_jax.policy",
 ]

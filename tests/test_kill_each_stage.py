@@ -42,7 +42,7 @@ MOMENTS: dict[str, Callable[[pathlib.Path], bool]] = {  # in the order in which 
     "the field is being judged": lambda run: any(run.glob("training/checkpoints/20/integrity.json")),
     "the expert times the starts": lambda run: older(run / "training/summary.json", 0.7),
     "the episodes run": lambda run: any(older(path, 3.0) for path in run.glob("evaluation/expert-times/part-*.npz")),
-    "some episodes are done": lambda run: any(run.glob("evaluation/*/episodes-*.npz")),
+    "some episodes are done": lambda run: any(run.glob("evaluation/kept/*/episodes-*.npz")),
     "the report has begun": lambda run: (run / "evaluation/stages/mujoco.json").exists(),
     "the report draws": lambda run: any(run.glob("figures/outcomes_*.png")),
     "the video is encoded": lambda run: any(run.glob("videos/.*.tmp")),

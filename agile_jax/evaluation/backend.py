@@ -71,9 +71,7 @@ class Backend:
         if self.planner is not None:
             return float(np.median(self.planner.solve_times))
         still, now = jnp.zeros(POSE_SIZE), jnp.float32(0.0)
-        ask = jax.jit(
-            jax.vmap(lambda pose: self.guidance(self.parameters, None, pose, still, now, jnp.float32(self.plan_dt)))
-        )
+        ask = jax.jit(jax.vmap(lambda pose: self.guidance(self.parameters, None, pose, still, now, self.plan_dt)))
         poses = np.tile(np.float32(self.target), (self.slots.count, 1))
         ask(poses).block_until_ready()
         seconds = []

@@ -1,10 +1,10 @@
 """Evaluations side by side in a run directory, each in the folder of its key, with its episodes as they ended.
 
     evaluation/<backend>.json, .npz, -traces.npz, -unstable/    of the evaluation asked for last with this backend
-    evaluation/<key>/episodes-*.npz                             rows of episodes; a kill loses those of one file
-    evaluation/<key>/traces/, unstable/                         recorded episodes, a file each
-    evaluation/<key>/evaluation.json, .npz                      summary and rows, as asked for last
-    evaluation/names.json                                       names of evaluations, each with its folder
+    evaluation/kept/<key>/episodes-*.npz                        rows of episodes; a kill loses those of one file
+    evaluation/kept/<key>/traces/, unstable/                    recorded episodes, a file each
+    evaluation/kept/<key>/evaluation.json, .npz                 summary and rows, as asked for last
+    evaluation/kept/names.json                                  names of evaluations, each with its folder
 
 A file of episodes is whole and of its key, or its episodes are missing and made again.
 """
@@ -25,6 +25,7 @@ from agile_jax.store.npz import NpzError, read_npz, write_npz
 
 Columns = dict[str, Shaped[np.ndarray, "n ..."]]  # one entry an episode
 
+KEPT = "kept"  # name of the folder of all evaluations of a run
 KEY_LENGTH = 12  # letters of a key in the name of its folder
 
 
@@ -43,7 +44,7 @@ class KeptEvaluation:
     @property
     def folder(self) -> pathlib.Path:
         """Of this evaluation alone."""
-        return self.directory / self.key[:KEY_LENGTH]
+        return self.directory / KEPT / self.key[:KEY_LENGTH]
 
     def rows(self) -> Columns:
         """All episodes that are there, in order; `episode` holds their numbers. Empty when there is none."""
@@ -90,8 +91,10 @@ class KeptEvaluation:
         """
         write_npz(self.folder / "evaluation.npz", columns)
         write_json(self.folder / "evaluation.json", summary)
-        names = read_json(self.directory / "names.json") or {}
-        write_json(self.directory / "names.json", names | dict.fromkeys([backend, name or backend], self.folder.name))
+        names = read_json(self.directory / KEPT / "names.json") or {}
+        write_json(
+            self.directory / KEPT / "names.json", names | dict.fromkeys([backend, name or backend], self.folder.name)
+        )
         if traces:
             save_traces(self.directory / f"{backend}-traces.npz", traces)
         else:
@@ -136,7 +139,7 @@ def find_evaluation(which: pathlib.Path | str, backend: str) -> pathlib.Path:
     run_dir, colon, name = str(which).rpartition(":")
     if not colon or pathlib.Path(which).is_dir():
         return pathlib.Path(which) / "evaluation" / f"{backend}.npz"
-    directory = pathlib.Path(run_dir) / "evaluation"
+    directory = pathlib.Path(run_dir) / "evaluation" / KEPT
     names = read_json(directory / "names.json") or {}
     keys = sorted(path.parent.name for path in directory.glob("*/evaluation.npz"))
     found = [str(names[name])] if name in names else [key for key in keys if name and key.startswith(name)]

@@ -3,6 +3,7 @@
 import time
 
 import numpy as np
+from jaxtyping import Bool, Float, Int
 
 from agile_jax.expert import ExpertSettings, InitialVelocity, make_expert, planning_margin
 from agile_jax.scene import POSE_SIZE, Scene, clearance
@@ -37,14 +38,16 @@ class ExpertPlanner:
         """The present path in each slot."""
         return TimedPath(*(np.asarray(values, np.float32) for values in self._paths))
 
-    def begin(self, slots: np.ndarray, poses: np.ndarray) -> None:
+    def begin(self, slots: Int[np.ndarray, " k"], poses: Float[np.ndarray, "k 4"]) -> None:
         """Plan for new episodes from rest."""
         for slot, pose in zip(slots, poses, strict=True):
             self._paths.times[slot] = np.arange(self._paths.times.shape[1])
             self._paths.poses[slot], self._paths.rates[slot], self._paths.begun[slot] = pose, 0.0, 0.0
             self._plan(int(slot), pose, 0.0, "rest")
 
-    def advance(self, poses: np.ndarray, times: np.ndarray, active: np.ndarray) -> None:
+    def advance(
+        self, poses: Float[np.ndarray, "n 4"], times: Float[np.ndarray, " n"], active: Bool[np.ndarray, " n"]
+    ) -> None:
         """Plan again for those whose path is old enough."""
         if self._interval is None:
             return
@@ -52,7 +55,7 @@ class ExpertPlanner:
         for slot in np.flatnonzero(due):
             self._plan(int(slot), poses[slot], float(times[slot]), "free")
 
-    def _plan(self, slot: int, pose: np.ndarray, now: float, initial_velocity: InitialVelocity) -> None:
+    def _plan(self, slot: int, pose: Float[np.ndarray, "4"], now: float, initial_velocity: InitialVelocity) -> None:
         pose = np.clip(pose, self._scene.lower + INSET, self._scene.upper - INSET)
         begun = time.perf_counter()
         if clearance(self._scene, pose) >= planning_margin(self._settings):

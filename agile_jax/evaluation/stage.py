@@ -10,7 +10,7 @@ import pathlib
 
 import jax
 import numpy as np
-from jaxtyping import Float, PyTree
+from jaxtyping import Float, Int, PyTree
 
 from agile_jax.dataset import expert_times, time_limit, unseen_starts
 from agile_jax.evaluation.backend import command_parameters
@@ -78,7 +78,7 @@ def stage(
         if settings.where == "workers":
             simulate_on_workers(work, kept, open_engine, progress)
         else:
-            simulate_here(work, kept, settings.threads or len(os.sched_getaffinity(0)), progress)
+            simulate_here(work, kept, settings.threads or own_cores(), progress)
 
     columns = {name: values[: settings.episodes] for name, values in kept.rows().items() if name != "episode"}
     measures = {name: columns.pop(name) for name in ("wall", "device", "query_seconds")}
@@ -94,7 +94,12 @@ def stage(
     return summary
 
 
-def missing_episodes(kept: KeptEvaluation, count: int, traced: int) -> np.ndarray:
+def own_cores() -> int:
+    """How many cores this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def missing_episodes(kept: KeptEvaluation, count: int, traced: int) -> Int[np.ndarray, " n"]:
     """The numbers of the episodes to simulate: those without a row, and those to be recorded that are not."""
     there = set(kept.rows()["episode"].tolist())
     lacks = (i not in there or (i < traced and kept.trace(i) is None) for i in range(count))

@@ -10,11 +10,13 @@ from typing import NamedTuple
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Array, Float, Int
 
+from agile_jax.arrays import AnyArray
 from agile_jax.geometry import quaternion_to_matrix, rotation_2d, segment_box_distance
 from agile_jax.robot.constants import BOX_CORNERS
 from agile_jax.robot.kinematics import link_poses
-from agile_jax.robot.model import QPOS_SIZE, Array, RobotModel
+from agile_jax.robot.model import QPOS_SIZE, RobotModel
 from agile_jax.robot.mujoco_model import OBSTACLE_BIT
 from agile_jax.scene import Scene
 
@@ -25,13 +27,13 @@ EDGES = np.array([p for p in _PAIRS if np.abs(BOX_CORNERS[p[0]] - BOX_CORNERS[p[
 class CollisionShapes(NamedTuple):
     """What of the robot can touch an obstacle. Links in the order of `link_poses`."""
 
-    segment_links: np.ndarray  # (n,)
-    segments: np.ndarray  # (n, 2, 3) ends in the link's frame [m]; the edges of boxes among them
-    radii: np.ndarray  # (n,) [m]
-    box_links: np.ndarray  # (m,)
-    box_centers: np.ndarray  # (m, 3) in the link's frame [m]
-    box_rotations: np.ndarray  # (m, 3, 3) link from box
-    box_halves: np.ndarray  # (m, 3) [m]
+    segment_links: Int[np.ndarray, " n"]
+    segments: Float[np.ndarray, "n 2 3"]  # ends in the link's frame [m]; the edges of boxes among them
+    radii: Float[np.ndarray, " n"]  # [m]
+    box_links: Int[np.ndarray, " m"]
+    box_centers: Float[np.ndarray, "m 3"]  # in the link's frame [m]
+    box_rotations: Float[np.ndarray, "m 3 3"]  # link from box
+    box_halves: Float[np.ndarray, "m 3"]  # [m]
 
 
 def collision_shapes(model: mujoco.MjModel) -> CollisionShapes:
@@ -63,7 +65,9 @@ def collision_shapes(model: mujoco.MjModel) -> CollisionShapes:
     )
 
 
-def body_clearance(robot: RobotModel, shapes: CollisionShapes, scene: Scene, qpos: Array) -> Array:
+def body_clearance(
+    robot: RobotModel, shapes: CollisionShapes, scene: Scene, qpos: Float[AnyArray, " nq"]
+) -> Float[Array, ""]:
     """Distance of the nearest shape to the nearest obstacle [m]; infinity in an empty scene.
 
     Not positive: they touch. How deep is told up to a capsule's radius only.
@@ -72,7 +76,7 @@ def body_clearance(robot: RobotModel, shapes: CollisionShapes, scene: Scene, qpo
         robot: constants.
         shapes: of the robot.
         scene: n obstacles.
-        qpos: shape (19,).
+        qpos: coordinates, the robot's first.
     """
     if len(scene.obstacle_centers) == 0:
         return jnp.float32(jnp.inf)

@@ -2,6 +2,7 @@
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot.constants import BOX_CORNERS, LEG_NAMES
@@ -10,8 +11,8 @@ from agile_jax.robot.settings import OWN, RobotSettings
 from agile_jax.settings import BadInput
 
 
-def torso_extent(model: mujoco.MjModel) -> np.ndarray:
-    """Half sizes of the box about the trunk's origin that covers what collides of trunk and hips, (3,) [m]."""
+def torso_extent(model: mujoco.MjModel) -> Float[np.ndarray, "3"]:
+    """Half sizes of the box about the trunk's origin that covers what collides of trunk and hips [m]."""
     places = {model.body("trunk").id: np.zeros(3)}
     places |= {model.body(f"{leg}_hip").id: model.body(f"{leg}_hip").pos for leg in LEG_NAMES}
     extent = np.zeros(3)

@@ -11,31 +11,33 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
-from agile_jax.robot.model import LEG_COUNT, Array, RobotModel
+from agile_jax.arrays import AnyArray
+from agile_jax.robot.model import LEG_COUNT, RobotModel
 
 
 class LinkPoses(NamedTuple):
     """Frames of the 13 links in the base frame: the trunk, then hip, thigh and calf of each leg."""
 
-    pos: Array  # (13, 3) [m]
-    rotation: Array  # (13, 3, 3) base from link
+    pos: Float[Array, "links 3"]  # [m]
+    rotation: Float[Array, "links 3 3"]  # base from link
 
 
-def _rotation_x(angle: Array) -> Array:
+def _rotation_x(angle: Float[Array, ""]) -> Float[Array, "3 3"]:
     c, s, zero, one = jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle), jnp.ones_like(angle)
     return jnp.stack([jnp.stack([one, zero, zero]), jnp.stack([zero, c, -s]), jnp.stack([zero, s, c])])
 
 
-def _rotation_y(angle: Array) -> Array:
+def _rotation_y(angle: Float[Array, ""]) -> Float[Array, "3 3"]:
     c, s, zero, one = jnp.cos(angle), jnp.sin(angle), jnp.zeros_like(angle), jnp.ones_like(angle)
     return jnp.stack([jnp.stack([c, zero, s]), jnp.stack([zero, one, zero]), jnp.stack([-s, zero, c])])
 
 
-def link_poses(model: RobotModel, joint_pos: Array) -> LinkPoses:
-    """Frames of all links at joint positions (12,) [rad]."""
+def link_poses(model: RobotModel, joint_pos: Float[AnyArray, "12"]) -> LinkPoses:
+    """Frames of all links at joint positions [rad]."""
 
-    def leg(hip_pos: Array, offset: Array, angles: Array) -> LinkPoses:
+    def leg(hip_pos: Float[Array, "3"], offset: Float[Array, ""], angles: Float[Array, "3"]) -> LinkPoses:
         hip_rotation = _rotation_x(angles[0])
         thigh_rotation = hip_rotation @ _rotation_y(angles[1])
         calf_rotation = hip_rotation @ _rotation_y(angles[1] + angles[2])
@@ -52,21 +54,21 @@ def link_poses(model: RobotModel, joint_pos: Array) -> LinkPoses:
     return LinkPoses(pos, rotation)
 
 
-def leg_forward_kinematics(model: RobotModel, joint_pos: Array) -> Array:
-    """Centres of the feet in the base frame (4, 3) [m] at joint positions (12,) [rad]."""
+def leg_forward_kinematics(model: RobotModel, joint_pos: Float[AnyArray, "12"]) -> Float[Array, "4 3"]:
+    """Centres of the feet in the base frame [m] at joint positions [rad]."""
     poses = link_poses(model, joint_pos)
     return poses.pos[3::3] - model.calf_length * poses.rotation[3::3, :, 2]
 
 
-def leg_jacobian(model: RobotModel, joint_pos: Array) -> Array:
+def leg_jacobian(model: RobotModel, joint_pos: Float[AnyArray, "12"]) -> Float[Array, "4 3 3"]:
     """Derivative of each foot's centre in the base frame by its own leg's joints.
 
     Args:
         model: the robot.
-        joint_pos: shape (12,) [rad].
+        joint_pos: [rad].
 
     Returns:
-        Shape (4, 3, 3): [leg, axis of the base, joint] [m/rad]. Foot velocity = J @ joint velocity.
+        [leg, axis of the base, joint] [m/rad]. Foot velocity = J @ joint velocity.
     """
     poses = link_poses(model, joint_pos)
     foot = poses.pos[3::3] - model.calf_length * poses.rotation[3::3, :, 2]
@@ -75,7 +77,7 @@ def leg_jacobian(model: RobotModel, joint_pos: Array) -> Array:
     return jnp.swapaxes(jnp.cross(axes, arms), 1, 2)
 
 
-def leg_inverse_kinematics(model: RobotModel, foot_pos_base: Array) -> Array:
+def leg_inverse_kinematics(model: RobotModel, foot_pos_base: Float[AnyArray, "4 3"]) -> Float[Array, "12"]:
     """Joint positions that put the feet at the given places, with knees bent backward.
 
     A place out of reach is replaced by the nearest along the leg's own direction, and the angles are clamped to the
@@ -83,10 +85,10 @@ def leg_inverse_kinematics(model: RobotModel, foot_pos_base: Array) -> Array:
 
     Args:
         model: the robot.
-        foot_pos_base: centres of the feet, shape (4, 3) [m].
+        foot_pos_base: centres of the feet [m].
 
     Returns:
-        Shape (12,) [rad].
+        [rad].
     """
     l1, l2 = model.thigh_length, model.calf_length
     lower, upper = (jnp.reshape(bound, (LEG_COUNT, 3)).T for bound in (model.joint_lower, model.joint_upper))
@@ -102,12 +104,14 @@ def leg_inverse_kinematics(model: RobotModel, foot_pos_base: Array) -> Array:
     return jnp.clip(angles, lower, upper).T.reshape(-1)
 
 
-def composite_inertia(model: RobotModel, joint_pos: Array) -> tuple[Array, Array, Array]:
-    """The whole robot as one rigid body at joint positions (12,) [rad].
+def composite_inertia(
+    model: RobotModel, joint_pos: Float[AnyArray, "12"]
+) -> tuple[Float[Array, ""], Float[Array, "3"], Float[Array, "3 3"]]:
+    """The whole robot as one rigid body at joint positions [rad].
 
     Returns:
-        Mass () [kg]; centre of mass in the base frame (3,) [m]; inertia about the centre of mass, along the base's axes
-        (3, 3) [kg m^2].
+        Mass [kg]; centre of mass in the base frame [m]; inertia about the centre of mass, along the base's axes
+        [kg m^2].
     """
     poses = link_poses(model, joint_pos)
     masses = jnp.asarray(model.link_masses)

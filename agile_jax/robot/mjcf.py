@@ -1,4 +1,4 @@
-"""Any quadruped with three joints a leg, rebuilt from its compiled MJCF in the names and the order of this package.
+"""A quadruped with three joints a leg, rebuilt from its compiled MJCF in the names and the order of this package.
 
 The result has 13 links (bodies fixed to a link become part of it), joints FR_abad, FR_hip, FR_knee, ... that turn about
 +x, +y, +y, torque motors, and collision bits as robot/a1.xml has them. Everything else of the file (sensors, keyframes,

@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Float
 
 from agile_jax.robot.settings import RobotSettings
 from agile_jax.settings import BadInput
@@ -15,7 +16,7 @@ class Leg(NamedTuple):
     """One leg of the source model; joints abad, hip, knee."""
 
     joints: list[int]
-    signs: np.ndarray  # (3,) of their axes against +x, +y, +y
+    signs: Float[np.ndarray, "3"]  # of their axes against +x, +y, +y
     foot: int  # geom
 
 
@@ -82,7 +83,7 @@ def trunk_body(source: mujoco.MjModel, legs: list[list[int]]) -> int:
     return trunk
 
 
-def joint_places(data: mujoco.MjData, leg: Leg, foot: np.ndarray) -> list[np.ndarray]:
+def joint_places(data: mujoco.MjData, leg: Leg, foot: Float[np.ndarray, "3"]) -> list[Float[np.ndarray, "3"]]:
     """Origins of the leg's links, each moved along its joint's axis into the plane of the foot or above it."""
     abad, hip, knee = data.xanchor[leg.joints]
     return [

@@ -1,16 +1,16 @@
 """The robot's constants as arrays, and its state."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import mujoco
 import numpy as np
+from jaxtyping import Bool, Float
 
+from agile_jax.arrays import AnyArray
 from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import constants
 from agile_jax.robot.mjcf import robot_spec
 from agile_jax.robot.settings import RobotSettings
-
-Array = Any  # numpy.ndarray or jax.Array
 
 LEG_COUNT = len(constants.LEG_NAMES)
 JOINT_COUNT = LEG_COUNT * len(constants.JOINT_NAMES)
@@ -27,35 +27,35 @@ class RobotModel(NamedTuple):
     Links are the trunk, then hip, thigh and calf (with foot) of each leg.
     """
 
-    hip_pos_base: Array  # (4, 3) the abad axis [m]
-    abad_offset: Array  # (4,) along y from the abad axis to the plane of the leg [m]
+    hip_pos_base: Float[AnyArray, "4 3"]  # the abad axis [m]
+    abad_offset: Float[AnyArray, "4"]  # along y from the abad axis to the plane of the leg [m]
     thigh_length: float  # [m]
     calf_length: float  # knee to foot centre [m]
     foot_radius: float  # [m]
-    joint_lower: Array  # (12,) [rad]
-    joint_upper: Array  # (12,) [rad]
-    torque_limit: Array  # (12,) [Nm]
-    joint_damping: Array  # (12,) passive torque per speed [Nm s/rad]
-    joint_armature: Array  # (12,) [kg m^2]
-    joint_friction: Array  # (12,) dry friction [Nm]
+    joint_lower: Float[AnyArray, "12"]  # [rad]
+    joint_upper: Float[AnyArray, "12"]  # [rad]
+    torque_limit: Float[AnyArray, "12"]  # [Nm]
+    joint_damping: Float[AnyArray, "12"]  # passive torque per speed [Nm s/rad]
+    joint_armature: Float[AnyArray, "12"]  # [kg m^2]
+    joint_friction: Float[AnyArray, "12"]  # dry friction [Nm]
     foot_friction: float  # coefficient
-    link_masses: Array  # (13,) [kg]
-    link_coms: Array  # (13, 3) in the link's frame [m]
-    link_inertias: Array  # (13, 3, 3) about the link's centre of mass, along its axes [kg m^2]
-    home_joint_pos: Array  # (12,) [rad]
+    link_masses: Float[AnyArray, "13"]  # [kg]
+    link_coms: Float[AnyArray, "13 3"]  # in the link's frame [m]
+    link_inertias: Float[AnyArray, "13 3 3"]  # about the link's centre of mass, along its axes [kg m^2]
+    home_joint_pos: Float[AnyArray, "12"]  # [rad]
     nominal_height: float  # of the base's origin over the floor [m]
 
 
 class RobotState(NamedTuple):
     """State of the robot, in MuJoCo's conventions."""
 
-    base_pos: Array  # (3,) of the trunk's origin in the world [m]
-    base_quat: Array  # (4,) world from base, wxyz
-    base_lin_vel_world: Array  # (3,) of the trunk's origin [m/s]
-    base_ang_vel_base: Array  # (3,) [rad/s]
-    joint_pos: Array  # (12,) [rad]
-    joint_vel: Array  # (12,) [rad/s]
-    foot_contact: Array | None = None  # (4,) bool: what the feet touch; None where they cannot feel
+    base_pos: Float[AnyArray, "*batch 3"]  # of the trunk's origin in the world [m]
+    base_quat: Float[AnyArray, "*batch 4"]  # world from base, wxyz
+    base_lin_vel_world: Float[AnyArray, "*batch 3"]  # of the trunk's origin [m/s]
+    base_ang_vel_base: Float[AnyArray, "*batch 3"]  # [rad/s]
+    joint_pos: Float[AnyArray, "*batch 12"]  # [rad]
+    joint_vel: Float[AnyArray, "*batch 12"]  # [rad/s]
+    foot_contact: Bool[AnyArray, "*batch 4"] | None = None  # what the feet touch; None where they cannot feel
 
 
 def load_robot(settings: RobotSettings) -> RobotModel:
@@ -108,8 +108,12 @@ def home_angles(thigh_length: float, calf_length: float, depth: float) -> list[f
     return [0.0, -np.arctan2(calf_length * np.sin(knee), thigh_length + calf_length * np.cos(knee)), knee]
 
 
-def robot_state(qpos: Array, qvel: Array, foot_contact: Array | None = None) -> RobotState:
-    """Split MuJoCo's coordinates (19,) and velocities (18,) of the robot; leading batch axes are kept."""
+def robot_state(
+    qpos: Float[AnyArray, "*batch nq"],
+    qvel: Float[AnyArray, "*batch nv"],
+    foot_contact: Bool[AnyArray, "*batch 4"] | None = None,
+) -> RobotState:
+    """Split MuJoCo's coordinates and velocities, the robot's first, into its state."""
     return RobotState(
         base_pos=qpos[..., :3],
         base_quat=qpos[..., 3:7],

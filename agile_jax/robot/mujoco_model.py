@@ -3,12 +3,14 @@
 import jax.numpy as jnp
 import mujoco
 import numpy as np
+from jaxtyping import Array, Float
 
+from agile_jax.arrays import AnyArray
 from agile_jax.geometry import wrap_angle, yaw_to_quaternion
 from agile_jax.robot.constants import LEG_NAMES
 from agile_jax.robot.kinematics import leg_inverse_kinematics
 from agile_jax.robot.mjcf import robot_spec
-from agile_jax.robot.model import Array, RobotModel
+from agile_jax.robot.model import RobotModel
 from agile_jax.robot.settings import RobotSettings
 from agile_jax.scene import Scene
 
@@ -54,15 +56,15 @@ def build_mujoco_model(scene: Scene, settings: RobotSettings, sim_dt: float) -> 
     return spec.compile()
 
 
-def standing_qpos(model: RobotModel, pose: Array) -> Array:
+def standing_qpos(model: RobotModel, pose: Float[AnyArray, "4"]) -> Float[Array, "19"]:
     """Coordinates of the robot standing still: the trunk at `pose`, level, the feet on the floor under the hips.
 
     Args:
         model: the robot.
-        pose: [x, y, z, yaw] of the trunk, shape (4,) [m, rad]; vmap at the caller.
+        pose: [x, y, z, yaw] of the trunk [m, rad]; vmap at the caller.
 
     Returns:
-        qpos, shape (19,).
+        The coordinates `qpos`.
     """
     pose = jnp.asarray(pose)
     feet = jnp.asarray(model.hip_pos_base) + jnp.outer(jnp.asarray(model.abad_offset), jnp.array([0.0, 1.0, 0.0]))
@@ -72,7 +74,7 @@ def standing_qpos(model: RobotModel, pose: Array) -> Array:
     return jnp.concatenate([pose[:3], quat, leg_inverse_kinematics(model, feet)])
 
 
-def _visual(spec: mujoco.MjSpec, kind: int, **attributes: object) -> None:
+def _visual(spec: mujoco.MjSpec, kind: mujoco.mjtGeom, **attributes: object) -> None:
     spec.worldbody.add_geom(type=kind, contype=0, conaffinity=0, group=VISUAL_GROUP, **attributes)
 
 

@@ -22,7 +22,7 @@ INLINE = partial(open_engine, "inline")
 
 def parts(run: pathlib.Path) -> dict[pathlib.Path, int]:
     """Files of episodes, and when each was written."""
-    return {path: path.stat().st_mtime_ns for path in run.glob("evaluation/*/episodes-*.npz")}
+    return {path: path.stat().st_mtime_ns for path in run.glob("evaluation/kept/*/episodes-*.npz")}
 
 
 def columns(run: pathlib.Path) -> dict[str, np.ndarray]:

@@ -65,7 +65,7 @@ def test_parts_that_fail_are_named_and_the_others_kept(tmp_path: pathlib.Path, s
         TasksFailedError, match=r"1 parts of the evaluation failed \(episodes from 2: MemoryError: no room"
     ):
         stage(lame, tmp_path, lambda: nullcontext(Failing()))
-    (part,) = tmp_path.glob("evaluation/*/episodes-*.npz")
+    (part,) = tmp_path.glob("evaluation/kept/*/episodes-*.npz")
     made = part.stat().st_mtime_ns
     assert stage(lame, tmp_path, INLINE)["episodes"] == 4
     assert part.stat().st_mtime_ns == made

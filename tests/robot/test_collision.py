@@ -44,7 +44,7 @@ def postures() -> np.ndarray:
     for k in range(60):
         center = SCENE.obstacle_centers[k % 2, :2]
         place = [*(center + generator.uniform(-0.8, 0.8, 2)), generator.uniform(0.15, 0.35), generator.uniform(-3, 3)]
-        qpos = np.array(standing_qpos(ROBOT, place), float)
+        qpos = np.array(standing_qpos(ROBOT, np.array(place)), float)
         qpos[3:7] += generator.normal(0, 0.15, 4)
         qpos[3:7] /= np.linalg.norm(qpos[3:7])
         qpos[7:] += generator.uniform(-0.4, 0.4, 12)

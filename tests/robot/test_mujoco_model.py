@@ -134,14 +134,14 @@ def test_the_robot_does_not_collide_with_itself():
 
 
 def test_standing_robot_touches_the_floor_with_its_feet_only():
-    qpos = np.array(standing_qpos(ROBOT, [0.0, -1.0, 0.25, 0.0]))
+    qpos = np.array(standing_qpos(ROBOT, np.array([0.0, -1.0, 0.25, 0.0])))
     qpos[2] -= 1e-4
     assert touching(MODEL, qpos) == {("floor", f"{leg}_foot") for leg in LEG_NAMES}
 
 
 def test_feet_carry_the_weight():
     data = mujoco.MjData(MODEL)
-    data.qpos[:] = target = np.array(standing_qpos(ROBOT, [0.0, -1.0, 0.27, 0.0]))
+    data.qpos[:] = target = np.array(standing_qpos(ROBOT, np.array([0.0, -1.0, 0.27, 0.0])))
     for _ in range(2000):
         data.ctrl[:] = 200.0 * (target[7:] - data.qpos[7:]) - 3.0 * data.qvel[6:]
         mujoco.mj_step(MODEL, data)
@@ -168,7 +168,7 @@ def extent(data, name) -> np.ndarray:
 def test_the_scenes_torso_envelope_covers_trunk_hips_and_thigh_roots(height):
     """What is level with the trunk must be inside the box whose clearance the planner keeps."""
     data = mujoco.MjData(MODEL)
-    data.qpos[:] = standing_qpos(ROBOT, [0.0, 0.0, height, 0.0])
+    data.qpos[:] = standing_qpos(ROBOT, np.array([0.0, 0.0, height, 0.0]))
     data.qpos[:3] = 0.0
     mujoco.mj_forward(MODEL, data)
     reach = [extent(data, name) for name in ["trunk_body", "trunk_head", *(f"{leg}_hip" for leg in LEG_NAMES)]]

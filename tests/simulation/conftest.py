@@ -31,7 +31,7 @@ def starts(robot) -> np.ndarray:
         [1.0, 0.2, 0.21, 0.5],
         [0.0, -1.0, 0.30, 0.0],
     ]
-    qpos = np.array([standing_qpos(robot, pose) for pose in poses], float)
+    qpos = np.array([standing_qpos(robot, np.asarray(pose, float)) for pose in poses], float)
     qpos[5, 3:7] = [np.cos(0.6), np.sin(0.6), 0.0, 0.0]
     return qpos
 

@@ -65,7 +65,7 @@ def parts() -> tuple[Any, Any, Any]:
 
 
 def standing(starts: np.ndarray) -> np.ndarray:
-    return np.stack([standing_qpos(ROBOT, start) for start in starts])
+    return np.stack([standing_qpos(ROBOT, np.asarray(start, float)) for start in starts])
 
 
 def run(
