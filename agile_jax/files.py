@@ -6,6 +6,7 @@ import os
 import pathlib
 import re
 import uuid
+from functools import lru_cache
 
 from agile_jax.settings import BadInput
 
@@ -76,6 +77,24 @@ def read_json(path: pathlib.Path) -> dict[str, object] | None:
 def sha256(data: bytes) -> str:
     """The hexadecimal sha256 of `data`."""
     return hashlib.sha256(data).hexdigest()
+
+
+def file_sha256(path: pathlib.Path) -> str:
+    """The hexadecimal sha256 of a file. While nobody has written to it, it is read once in a process.
+
+    Raises:
+        OSError: it is missing or cannot be read.
+    """
+    about = path.stat()
+    state = (about.st_dev, about.st_ino, about.st_size, about.st_mtime_ns, about.st_ctime_ns)
+    return _file_sha256(str(path.absolute()), state)
+
+
+@lru_cache(maxsize=100_000)
+def _file_sha256(path: str, state: tuple[int, ...]) -> str:
+    del state  # another one is another file
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def hash_json(value: object) -> str:

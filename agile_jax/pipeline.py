@@ -5,28 +5,34 @@ stopped.
 """
 
 import pathlib
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from typing import Any, NamedTuple
+from typing import Literal, NamedTuple
 
-from agile_jax.engine import Engine, check_engine, open_engine
+from agile_jax.engine import check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
 from agile_jax.files import check_folder, read_json, remove_torn
 from agile_jax.progress import Progress, silent, within
 from agile_jax.report import mark_outdated
 from agile_jax.run_directory import (
     State,
+    begun_record,
+    finish_record,
     locked,
     move_aside,
     refuse_other_settings,
+    repair_summary,
     stage_paths,
     stage_state,
+    what_differs,
     write_identity,
-    write_record,
 )
+from agile_jax.store.artefact import differences
+from agile_jax.store.parts import OpenEngine
+from agile_jax.store.record import damaged, read_record, write_record
+from agile_jax.store.shared import sharing
 
-OpenEngine = Callable[[], AbstractContextManager[Engine]]
+Stage = Callable[[Experiment, pathlib.Path, OpenEngine, Progress], object]  # makes what is missing of a stage
 
 
 class StageResult(NamedTuple):
@@ -35,7 +41,7 @@ class StageResult(NamedTuple):
     stage: str
     reused: bool  # it was done already
     path: pathlib.Path  # of its summary or report
-    summary: dict[str, Any]
+    summary: Mapping[str, object]
 
 
 def stages_up_to(stage: str) -> tuple[str, ...]:
@@ -56,6 +62,7 @@ def run(
     engine: str = "local",
     workers: int | None = None,
     overwrite: bool = False,
+    store: pathlib.Path | Literal["beside", "none"] = "beside",
     progress: Progress = silent,
 ) -> dict[str, StageResult]:
     """Run the stages in order, skipping what is done.
@@ -67,6 +74,8 @@ def run(
         engine: address of the work engine: "local", "inline" or "tcp://host:port".
         workers: processes of the local engine; None lets it choose.
         overwrite: move folders that were made with other settings aside, instead of refusing.
+        store: folder in which run directories share labels and expert times; "beside": `.store` in the run directory's
+            parent folder.
         progress: is told of every work of every stage.
 
     Raises:
@@ -81,13 +90,39 @@ def run(
         check_devices(experiment.evaluation)
     if not overwrite:
         refuse_other_settings(run_dir, experiment, tuple(stages))
-    results = {}
-    with locked(run_dir):
+    folder = {"beside": run_dir.absolute().parent / ".store", "none": None}[store] if isinstance(store, str) else store
+    open_workers, results = partial(open_engine, engine, workers), {}
+    with locked(run_dir) as check_held, sharing(folder):
         remove_torn(run_dir)
         write_identity(run_dir, experiment)
         for stage in stages:
-            results[stage] = _run_stage(stage, experiment, run_dir, partial(open_engine, engine, workers), progress)
+            results[stage] = _run_stage(stage, experiment, run_dir, open_workers, check_held, progress)
     return results
+
+
+def forecast(experiment: Experiment, run_dir: pathlib.Path, stages: Sequence[str] = STAGES) -> dict[str, str]:
+    """What a run would keep, make and replace of each stage, in words; writes nothing."""
+    return {stage: _intent(stage_state(run_dir, experiment, stage), stage, experiment, run_dir) for stage in stages}
+
+
+def _intent(state: State, stage: str, experiment: Experiment, run_dir: pathlib.Path) -> str:
+    paths = stage_paths(run_dir, experiment, stage)
+    record = read_record(paths.record)
+    if state == "done":
+        return "is done, will be reused"
+    if state == "outdated":
+        return "is older than what it tells of, will be made anew"
+    if state == "other settings":
+        reasons = "; ".join(what_differs(run_dir, experiment, stage))
+        return f"was made with other settings: will be moved aside and made anew ({reasons})"
+    if state == "new":
+        old = stage == "evaluation" and paths.summary.exists()
+        return f"will be made{f'; {paths.summary.name} will tell of it instead of the last one' if old else ''}"
+    if record is not None and record.files is not None and (bad := damaged(run_dir, record.files)):
+        return f"is damaged ({', '.join(bad[:3])}{', ...' if len(bad) > 3 else ''}), will be repaired"
+    asked = begun_record(run_dir, experiment, stage).amounts
+    more = "; ".join(differences(record.amounts, asked)) if record is not None else ""
+    return f"was begun, will go on with what is there{f' ({more})' if more else ''}"
 
 
 def failures(results: dict[str, StageResult]) -> list[str]:
@@ -99,35 +134,41 @@ def failures(results: dict[str, StageResult]) -> list[str]:
     if summary.get("unverified", 0):
         found.append(f"dataset: {summary['unverified']} trajectories did not pass the independent check")
     if summary.get("attempted") and not summary.get("trajectories"):
-        causes = ", ".join(f"{cause}: {count}" for cause, count in summary.get("failed", {}).items())
+        failed = summary.get("failed")
+        causes = ", ".join(f"{cause}: {count}" for cause, count in failed.items()) if isinstance(failed, dict) else ""
         found.append(f"dataset: none of {summary['attempted']} starts could be solved ({causes})")
     return found
 
 
 def _run_stage(
-    stage: str, experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress
+    stage: str,
+    experiment: Experiment,
+    run_dir: pathlib.Path,
+    open_engine: OpenEngine,
+    check_held: Callable[[], None],
+    progress: Progress,
 ) -> StageResult:
     paths = stage_paths(run_dir, experiment, stage)
+    repair_summary(run_dir, experiment, stage)
     state = stage_state(run_dir, experiment, stage)
     if state == "done":
-        return StageResult(stage, True, paths.summary, read_json(paths.summary) or {})
+        return StageResult(stage, True, paths.summary, _summary(paths.summary))
     if state == "other settings":
         move_aside(paths.folder)
         if (run_dir / "evaluation").exists():  # of the policy that has just gone
             move_aside(run_dir / "evaluation")
-    if stage in ("dataset", "training"):
-        write_record(run_dir, experiment, stage)
-    else:
-        # Their folders hold results of other settings, too: without a record no old result passes for the new one.
-        paths.record.unlink(missing_ok=True)
-
+    write_record(paths.record, begun_record(run_dir, experiment, stage))
     _WORK[stage](experiment, run_dir, open_engine, within(stage, progress))
+    check_held()
     if not paths.summary.is_file():
-        raise RuntimeError(f"{stage} ended without {paths.summary}")
-    if stage in ("evaluation", "report"):
-        write_record(run_dir, experiment, stage)
+        raise OSError(f"{paths.summary}: is gone; the same command makes it anew")
+    finish_record(run_dir, experiment, stage)
     mark_outdated(run_dir)  # a report tells of what was there
-    return StageResult(stage, False, paths.summary, read_json(paths.summary) or {})
+    return StageResult(stage, False, paths.summary, _summary(paths.summary))
+
+
+def _summary(path: pathlib.Path) -> Mapping[str, object]:
+    return read_json(path) or {} if path.suffix == ".json" else {}
 
 
 def _dataset(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
@@ -162,7 +203,7 @@ def _report(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngi
     write_report(experiment, run_dir, open_engine, progress)
 
 
-_WORK: dict[str, Callable[[Experiment, pathlib.Path, OpenEngine, Progress], None]] = {
+_WORK: dict[str, Stage] = {
     "dataset": _dataset,
     "training": _training,
     "evaluation": _evaluation,

@@ -10,16 +10,14 @@ import pytest
 from pydantic import BaseModel
 
 from agile_jax.experiment import (
-    STAGES,
     Experiment,
     experiment_hash,
     json_schema,
     load_experiment,
-    stage_hash,
-    stage_settings,
     to_toml,
     with_overrides,
 )
+from agile_jax.experiment.moved import MOVED
 from agile_jax.experiment.validation import nested_models
 from agile_jax.settings import BadInput
 
@@ -104,53 +102,33 @@ def test_no_default_is_lost_for_want_of_a_null_in_toml() -> None:
     assert len(models) > 10
 
 
-def test_a_stage_depends_on_its_own_and_earlier_settings_only() -> None:
-    before = Experiment(name="n")
-    first_affected = {
-        "seed": "dataset",
-        "scene.target.0": "dataset",
-        "expert.nodes": "dataset",
-        "dataset.split": "dataset",
-        "dataset.samples": "training",
-        "dataset.split_by": "training",
-        "policy.kind": "training",
-        "training.epochs": "training",
-        "training.devices": None,
-        "control.plan_dt": "evaluation",
-        "evaluation.episodes": "evaluation",
-        "report.video": "report",
-        "name": None,
-    }
-    values = {
-        "seed": 1,
-        "scene.target.0": 2.5,
-        "expert.nodes": 50,
-        "dataset.split": [0.6, 0.2, 0.2],
-        "dataset.samples": "without_start",
-        "dataset.split_by": "sample",
-        "policy.kind": "plain",
-        "training.epochs": 1,
-        "training.devices": 2,
-        "control.plan_dt": 0.04,
-        "evaluation.episodes": 3,
-        "report.video": False,
-        "name": "m",
-    }
-    for key, stage in first_affected.items():
-        after = with_overrides(before, {key: values[key]}, "test")
-        changed = [name for name in STAGES if stage_hash(before, name) != stage_hash(after, name)]
-        assert changed == ([] if stage is None else list(STAGES[STAGES.index(stage) :])), key
-
-
-def test_the_hash_is_that_of_canonical_json() -> None:
+def test_the_hash_of_an_experiment_is_that_of_its_canonical_json() -> None:
     import hashlib
 
     experiment = Experiment(name="n", seed=5)
-    settings = stage_settings(experiment, "dataset")
-    assert set(settings) == {"seed", "scene", "expert", "dataset"}
-    shuffled = dict(reversed(settings.items()))
-    text = json.dumps(shuffled, sort_keys=True, separators=(",", ":"))
-    assert stage_hash(experiment, "dataset") == hashlib.sha256(text.encode()).hexdigest()
+    tables = experiment.model_dump(mode="json", exclude={"name", "sweep"})
+    text = json.dumps(dict(reversed(tables.items())), sort_keys=True, separators=(",", ":"))
+    assert experiment_hash(experiment) == hashlib.sha256(text.encode()).hexdigest()
+    assert experiment_hash(experiment) == experiment_hash(with_overrides(experiment, {"name": "m"}, "test"))
+
+
+def test_an_old_name_is_told_the_new_one(write: Write) -> None:
+    old = write(
+        "name = 'n'\n[expert]\nplanner = '2d'\nstarts = 'wide'\n[closed_loop]\nstarts = 9\n[dagger]\nrounds = 1\n"
+    )
+    assert set(message(old, {"dataset.target": "displacement", "expert.wide_padding": 1.0}).splitlines()) == {
+        f"{old}: expert.planner: is called expert.dimensions now",
+        f"{old}: expert.starts: is called dataset.starts now",
+        f"{old}: closed_loop: is called kinematic_test now",
+        f"{old}: dagger: is called aggregation now",
+        "command line: dataset.target: is called dataset.label_kind now",
+        "command line: expert.wide_padding: is called dataset.wide_padding now",
+    }
+    known = Experiment(name="n").model_dump()
+    for before, after in MOVED.items():
+        section, _, name = after.partition(".")
+        assert not name or name in known[section], after
+        assert before.split(".")[-1] not in known.get(before.split(".")[0], {}), before
 
 
 def test_all_errors_come_at_once_with_file_key_value_and_advice(write: Write) -> None:

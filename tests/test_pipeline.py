@@ -3,6 +3,7 @@
 import fcntl
 import json
 import pathlib
+import shutil
 import signal
 import subprocess
 import sys
@@ -12,11 +13,12 @@ from typing import Any
 import pytest
 
 from agile_jax import pipeline
+from agile_jax.dataset import load
 from agile_jax.experiment import Experiment, load_experiment, with_overrides
 from agile_jax.files import write_json
 from agile_jax.report.outdated import meta, summaries
 from agile_jax.report.page import page
-from agile_jax.run_directory import locked, record_hash, stage_paths, stage_state, write_record
+from agile_jax.run_directory import finish_record, locked, stage_paths, stage_state
 from agile_jax.settings import BadInput
 
 SMALL = {
@@ -58,7 +60,10 @@ def test_a_run_directory_tells_what_it_is(experiment: Experiment, finished: path
     assert environment["seed"] == experiment.seed
     record = json.loads((finished / "dataset/stage.json").read_text())
     assert record["stage"] == "dataset"
-    assert record["hash"] == environment["stage_hashes"]["dataset"]
+    assert record["key"] == environment["keys"]["dataset"]
+    assert record["amounts"] == {"dataset.trajectories": 12}
+    shards = {f"dataset/shard-{i:05d}.npz" for i in range(6)}
+    assert record["files"].keys() == shards | {"dataset/manifest.json", "dataset/summary.json"}
     assert record["settings"]["expert"]["nodes"] == 20
 
 
@@ -117,33 +122,124 @@ def test_a_folder_without_record_is_not_taken_for_a_result(experiment: Experimen
         pipeline.run(experiment, tmp_path, ("dataset",), engine="inline")
 
 
-def test_a_torn_summary_is_not_done(experiment: Experiment, finished: pathlib.Path, tmp_path: pathlib.Path) -> None:
-    write_record(tmp_path, experiment, "dataset")
-    for text, state in (("", "begun"), ('{"trajec', "begun"), ("[]", "begun"), ("{}", "done")):
-        (tmp_path / "dataset/summary.json").write_text(text)
-        assert stage_state(tmp_path, experiment, "dataset") == state
+DAMAGE = {
+    "a flipped bit": lambda data: data[:300] + bytes([data[300] ^ 1]) + data[301:],
+    "another digit": lambda data: data.replace(b"7", b"8", 1),
+    "cut off": lambda data: data[: len(data) // 2],
+    "gone": lambda data: None,
+}
+
+
+@pytest.mark.parametrize("damage", DAMAGE)
+@pytest.mark.parametrize("name", ["shard-00003.npz", "manifest.json", "summary.json", "stage.json"])
+def test_damage_after_the_end_is_never_used_and_repaired_to_the_same_bytes(
+    experiment: Experiment, finished: pathlib.Path, tmp_path: pathlib.Path, name: str, damage: str
+) -> None:
+    run_dir = shutil.copytree(finished, tmp_path / "run")
+    path = run_dir / "dataset" / name
+    before = {name: data for name, (_, data) in snapshot(run_dir / "dataset").items()}
+    if (data := DAMAGE[damage](path.read_bytes())) is None:
+        path.unlink()
+    else:
+        path.write_bytes(data)
+        assert data != before[name]
+    assert stage_state(run_dir, experiment, "dataset") == "begun"
+    told = pipeline.forecast(experiment, run_dir, ("dataset",))["dataset"]
+    assert told == f"is damaged (dataset/{name}), will be repaired" or (name == "stage.json" and "will go on" in told)
+    pipeline.run(experiment, run_dir, ("dataset",), engine="inline", store="none")
+    after = {name: data for name, (_, data) in snapshot(run_dir / "dataset").items() if "quarantine" not in name}
+    after.pop("timing.json"), before.pop("timing.json")
+    if name == "shard-00003.npz":  # how long its solves took, again
+        for contents in (before, after):
+            contents.pop("stage.json")
+            summary = json.loads(contents.pop("summary.json"))
+            assert summary.pop("labels_per_second") > 0
+            assert summary.pop("solve_time_ms_median") > 0
+            contents["summary"] = json.dumps(summary).encode()
+    assert after == before
+    assert stage_state(run_dir, experiment, "dataset") == "done"
+
+
+def test_a_dataset_grows_and_shrinks_without_loss(
+    experiment: Experiment, finished: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    run_dir = shutil.copytree(finished, tmp_path / "run")
+    shards = {path.name: path.read_bytes() for path in run_dir.glob("dataset/shard-*.npz")}
+    hashes = {}
+    for count in (15, 7, 12):  # 15 fills half a shard; 7 is less than what is there
+        other = with_overrides(experiment, {"dataset.trajectories": count}, "test")
+        assert "dataset.trajectories" in pipeline.forecast(other, run_dir, ("dataset",))["dataset"]
+        summary = pipeline.run(other, run_dir, ("dataset",), engine="inline", store="none")["dataset"].summary
+        assert summary["attempted"] == count
+        assert len(load(run_dir / "dataset").indices) == summary["trajectories"]
+        hashes[count] = summary["dataset_hash"]
+        assert {name: (run_dir / "dataset" / name).read_bytes() for name in shards} == shards
+    assert hashes[12] == json.loads((finished / "dataset/summary.json").read_text())["dataset_hash"]
+    seven = with_overrides(experiment, {"dataset.trajectories": 7}, "test")
+    alone = pipeline.run(seven, tmp_path / "seven", ("dataset",), engine="inline", store="none")["dataset"].summary
+    assert alone["dataset_hash"] == hashes[7]
+
+
+def test_run_directories_side_by_side_make_equal_labels_once(
+    experiment: Experiment, finished: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    few = with_overrides(experiment, {"dataset.trajectories": 4}, "test")
+    pipeline.run(few, tmp_path / "one", ("dataset",), engine="inline")
+    nowhere = "tcp://127.0.0.1:1"  # no engine is needed
+    other = with_overrides(few, {"name": "other", "training.epochs": 3}, "test")
+    summary = pipeline.run(other, tmp_path / "two", ("dataset",), engine=nowhere)["dataset"].summary
+    one, two = (
+        {path.name: path.read_bytes() for path in (tmp_path / run).glob("dataset/*.*") if path.name != "stage.json"}
+        for run in ("one", "two")
+    )
+    assert one == two
+    assert summary["labels_per_second"] > 0
+
+
+def test_a_run_directory_that_is_removed_during_the_work_is_an_error(
+    experiment: Experiment, tmp_path: pathlib.Path
+) -> None:
+    run_dir = tmp_path / "run"
+
+    def remove(work: str, done: int, total: int, note: str = "") -> None:
+        if done == 6:
+            shutil.rmtree(run_dir)
+
+    with pytest.raises(OSError, match="was removed or replaced during the work"):
+        pipeline.run(experiment, run_dir, ("dataset",), engine="inline", store="none", progress=remove)
+    assert stage_state(run_dir, experiment, "dataset") != "done"
+    pipeline.run(experiment, run_dir, ("dataset",), engine="inline", store="none")
+    assert stage_state(run_dir, experiment, "dataset") == "done"
 
 
 def test_evaluations_stand_side_by_side(experiment: Experiment, tmp_path: pathlib.Path) -> None:
     mjx = with_overrides(experiment, {"evaluation.backend": "mjx"}, "test")
     write_json(stage_paths(tmp_path, experiment, "evaluation").summary, {})
-    write_record(tmp_path, experiment, "evaluation")
+    finish_record(tmp_path, experiment, "evaluation")
     assert stage_state(tmp_path, experiment, "evaluation") == "done"
     assert stage_state(tmp_path, mjx, "evaluation") == "new"
+    other = with_overrides(experiment, {"evaluation.seed": 99}, "test")
+    assert stage_state(tmp_path, other, "evaluation") == "new"  # made anew, not refused
     more = with_overrides(experiment, {"evaluation.episodes": 99}, "test")
-    assert stage_state(tmp_path, more, "evaluation") == "new"  # made anew, not refused
+    assert stage_state(tmp_path, more, "evaluation") == "begun"
+    for key, value in (("batch", 3), ("where", "workers"), ("devices", 2), ("threads", 3)):
+        if key in type(experiment.evaluation).model_fields:
+            same = with_overrides(experiment, {f"evaluation.{key}": value}, "test")
+            assert stage_state(tmp_path, same, "evaluation") == "done", key
     assert [path.name for path in (tmp_path / "evaluation").glob("*.json")] == ["mujoco.json"]
 
 
 def test_a_report_is_made_anew_when_a_result_changes(experiment: Experiment, tmp_path: pathlib.Path) -> None:
     write_json(tmp_path / "evaluation/mujoco.json", {"success_rate": 0.5})
-    (tmp_path / "report.html").write_text("<html>")
-    write_record(tmp_path, experiment, "report")
+    (tmp_path / "report.html").write_text("<html><body>good</body>")
+    finish_record(tmp_path, experiment, "report")
     assert stage_state(tmp_path, experiment, "report") == "done"
-    first = record_hash(tmp_path, experiment, "report")
+    write_json(tmp_path / "evaluation/mujoco.json", {"success_rate": 0.6})
+    assert stage_state(tmp_path, experiment, "report") == "outdated"
+    finish_record(tmp_path, experiment, "report")
+    assert stage_state(tmp_path, experiment, "report") == "done"
     write_json(tmp_path / "evaluation/mjx.json", {"success_rate": 0.5})
-    assert record_hash(tmp_path, experiment, "report") != first
-    assert stage_state(tmp_path, experiment, "report") == "new"
+    assert stage_state(tmp_path, experiment, "report") == "outdated"
 
 
 def test_a_new_result_marks_the_report_that_tells_of_the_old_one(

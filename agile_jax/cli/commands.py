@@ -12,7 +12,7 @@ from agile_jax.cli.results import number, print_wrapped, result_lines
 from agile_jax.engine import TasksFailedError, check_engine
 from agile_jax.files import check_folder
 from agile_jax.interruption import interruptible, persistent
-from agile_jax.pipeline import failures, stages_up_to, states
+from agile_jax.pipeline import failures, stages_up_to
 from agile_jax.progress import Progress, shown
 from agile_jax.settings import BadInput, Count, Pose, Settings
 
@@ -28,6 +28,8 @@ class RunOptions(Settings):
     """Who does the work: local, inline (this process), or tcp://HOST:PORT of a Dask scheduler."""
     overwrite: bool = False
     """Move stage folders made with other settings aside, instead of refusing."""
+    store: pathlib.Path | None = None
+    """Folder in which run directories share labels and expert times; .store beside the run directory if not given."""
     dry_run: bool = False
     """Print what would be done, and do nothing."""
 
@@ -211,8 +213,8 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
         if not options.overwrite:
             pipeline.refuse_other_settings(run_dir, experiment, stages)
         print(f"{experiment.name} in {run_dir}:")
-        for stage, state in states(experiment, run_dir, stages).items():
-            print(f"  {stage:<12}{_INTENT[state]}")
+        for stage, intent in pipeline.forecast(experiment, run_dir, stages).items():
+            print(f"  {stage:<12}{intent}")
         return DONE
     with _progress() as progress:
         try:
@@ -223,6 +225,7 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
                 engine=options.engine,
                 workers=options.workers,
                 overwrite=options.overwrite,
+                store=options.store or "beside",
                 progress=progress,
             )
         except TasksFailedError as error:
@@ -239,14 +242,6 @@ def _run_stages(command: str, last: str, argv: list[str]) -> int:
     for failure in found:
         print(failure, file=sys.stderr)
     return FAILED if found else DONE
-
-
-_INTENT = {
-    "done": "is done, will be reused",
-    "begun": "was begun, will go on",
-    "new": "will be made",
-    "other settings": "was made with other settings: will be moved aside and made anew",
-}
 
 
 @contextmanager

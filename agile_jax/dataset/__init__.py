@@ -6,6 +6,7 @@ from agile_jax.dataset.generate import IncompleteDatasetError, generate
 from agile_jax.dataset.queries import Answers, ask
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.starts import unseen_starts
+from agile_jax.dataset.write import write
 
 __all__ = [
     "SPLITS",
@@ -25,4 +26,5 @@ __all__ = [
     "split_mask",
     "time_limit",
     "unseen_starts",
+    "write",
 ]

@@ -17,7 +17,7 @@ from importlib.metadata import version
 
 import numpy as np
 
-from agile_jax.dataset.dataset import read_manifest
+from agile_jax.dataset.dataset import load, read_manifest
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.shard import SCHEMA, LabelSettings, ShardTask, labels_at, make_shard
 from agile_jax.dataset.summary import summarise
@@ -27,7 +27,8 @@ from agile_jax.expert.feasible_poses import check_targets
 from agile_jax.files import hash_json, sha256, write_json
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import SceneSettings, make_scene
-from agile_jax.store.artefact import LABELS, covered
+from agile_jax.settings import BadInput
+from agile_jax.store.artefact import ELSEWHERE, LABELS, covered, differences
 from agile_jax.store.npz import NpzError, read_npz
 from agile_jax.store.parts import OpenEngine, PartFile, Parts, complete, set_aside
 
@@ -45,7 +46,6 @@ UNITS = {
     "clearance_violation, min_clearance": "[m]",
 }
 OWN_FILES = {"manifest.json", "summary.json", "timing.json", "quarantine", "stage.json"}
-EXPERT, ELSEWHERE = "expert", "elsewhere"  # who has made the labels
 
 logger = logging.getLogger(__name__)
 
@@ -86,6 +86,8 @@ def generate(
     directory = pathlib.Path(directory)
     directory.mkdir(parents=True, exist_ok=True)
     settings = LabelSettings(scene_settings, expert_settings, dataset_settings, seed)
+    if (summary := _made_elsewhere(directory, settings)) is not None:
+        return summary
     labels = labels_at(directory, settings, _listed(directory))
     beyond = _tidy(directory, labels)
 
@@ -96,7 +98,7 @@ def generate(
         complete(labels, make_shard, task, engine, shard_time_limit(settings), progress, "trajectories")
     except TasksFailedError as error:
         raise IncompleteDatasetError(str(error)) from None
-    manifest = {"seed": seed, "source": EXPERT, "settings": covered(LABELS, settings.tables())}
+    manifest = {"seed": seed, "source": "expert", "settings": covered(LABELS, settings.tables())}
     return commit(directory, labels, manifest, beyond)
 
 
@@ -124,6 +126,25 @@ def commit(
     }
     summary = summarise(labels.arrays(), labels.notes, digest)
     _write_if_changed(directory / "manifest.json", manifest)
+    _write_if_changed(directory / "summary.json", summary)
+    return summary
+
+
+def _made_elsewhere(directory: pathlib.Path, settings: LabelSettings) -> dict[str, object] | None:
+    """The summary of labels that are not the expert's (write.py); None when they are.
+
+    Raises:
+        BadInput: they are damaged, which nobody here can repair, or of another scene or other limits.
+    """
+    manifest = read_manifest(directory)
+    if manifest is None or manifest.get("source") != ELSEWHERE:
+        return None
+    if found := differences(manifest.get("settings"), settings.of_the_problem()):
+        raise BadInput(f"{directory}: its labels were made elsewhere, with other settings: {'; '.join(found)}")
+    dataset = load(directory)
+    shards = [read_npz(directory / str(entry["file"])) for entry in manifest["shards"]]
+    whole = {name: np.concatenate([rows[name] for rows in shards]) for name in shards[0] if name != "key"}
+    summary = summarise(whole, {}, dataset.dataset_hash)
     _write_if_changed(directory / "summary.json", summary)
     return summary
 

@@ -41,6 +41,14 @@ class LabelSettings(NamedTuple):
         sections = {"scene": self.scene, "expert": self.expert, "dataset": self.dataset}
         return {"seed": self.seed} | {name: part.model_dump(mode="json") for name, part in sections.items()}
 
+    def of_the_problem(self) -> dict[str, object]:
+        """What labels made elsewhere must agree in with the experiment that uses them, as plain tables."""
+        bounds = {"velocity", "acceleration", "clearance_margin", "initial_velocity"}
+        return {
+            "scene": self.scene.model_dump(mode="json", exclude={"start"}),
+            "expert": self.expert.model_dump(mode="json", include=bounds),
+        }
+
     def target(self, index: int) -> Float[np.ndarray, "4"]:
         """The target of a trajectory [m, rad]: the settings' in turn, the scene's if they have none."""
         targets = self.dataset.targets or (self.scene.target,)
@@ -55,13 +63,23 @@ class ShardTask(NamedTuple):
 
 
 def labels_at(
-    directory: pathlib.Path, settings: LabelSettings, listed: Mapping[str, tuple[int, str]] | None = None
+    directory: pathlib.Path,
+    settings: LabelSettings,
+    listed: Mapping[str, tuple[int, str]] | None = None,
+    made_elsewhere: str = "",
 ) -> Parts:
-    """The labels of a dataset, as far as they are there; `listed`: rows and sha256 of the files in its manifest."""
+    """The labels of a dataset, as far as they are there.
+
+    Args:
+        directory: of the dataset.
+        settings: what they are made from.
+        listed: rows and sha256 of the files in its manifest.
+        made_elsewhere: the digest of labels that the expert has not made.
+    """
     return Parts(
         directory,
         LABELS.name,
-        key(LABELS, settings.tables()),
+        key(LABELS, settings.tables(), foreign={"labels": made_elsewhere} if made_elsewhere else None),
         np.arange(settings.dataset.trajectories),
         settings.dataset.shard_size,
         name="shard",

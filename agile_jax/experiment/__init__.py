@@ -6,8 +6,6 @@ from agile_jax.experiment.experiment import (
     experiment_hash,
     json_schema,
     load_experiment,
-    stage_hash,
-    stage_settings,
     to_toml,
     with_overrides,
 )
@@ -18,8 +16,6 @@ __all__ = [
     "experiment_hash",
     "json_schema",
     "load_experiment",
-    "stage_hash",
-    "stage_settings",
     "to_toml",
     "with_overrides",
 ]

@@ -1,7 +1,7 @@
 """An experiment: one question, one file, all settings of all stages.
 
-`load_experiment` reads a TOML file (with `extends`), applies overrides and validates everything at once. A stage's
-hash covers exactly the settings on which its result depends, so that equal hashes mean an equal result.
+`load_experiment` reads a TOML file (with `extends`), applies overrides and validates everything at once. On which of
+the settings a result depends stands in store/artefact.py.
 """
 
 import pathlib
@@ -21,27 +21,16 @@ from agile_jax.experiment.moved import moved
 from agile_jax.experiment.robot_path import resolve_robot_paths
 from agile_jax.experiment.validation import validate
 from agile_jax.expert.settings import AnyExpert, ExpertSettings
-from agile_jax.files import hash_json, sha256
+from agile_jax.files import hash_json
 from agile_jax.policy.settings import AnyPolicy, PolicySettings
 from agile_jax.report.settings import ReportSettings
-from agile_jax.robot.settings import OWN, RobotSettings
+from agile_jax.robot.settings import RobotSettings
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import BadInput, Settings
 from agile_jax.sweep.settings import SweepSettings
 from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
 
 STAGES = ("dataset", "training", "evaluation", "report")
-
-_READS = {  # the sections that a stage reads beyond those of the stages before it
-    "dataset": ("seed", "scene", "expert", "dataset"),
-    "training": ("policy", "training", "kinematic_test", "aggregation"),
-    "evaluation": ("robot", "control", "evaluation"),
-    "report": ("report",),
-}
-_CHANGES_NOTHING = {  # settings of these sections on which no result depends
-    "training": {"checkpoint_every", "devices", "keep"},
-}
-_CHANGES_NO_LABEL = {"dataset": {"samples", "split_by", "start_seconds", "label_kind"}}  # what training makes of them
 
 
 class Experiment(Settings):
@@ -115,26 +104,9 @@ def to_toml(experiment: Experiment) -> str:
     return tomli_w.dumps(experiment.model_dump(mode="json", exclude_none=True))
 
 
-def stage_settings(experiment: Experiment, stage: str) -> dict[str, Any]:
-    """The settings on which a stage's result depends, by section: its own and those of the stages before."""
-    sections = [section for earlier in STAGES[: STAGES.index(stage) + 1] for section in _READS[earlier]]
-    ignored = _CHANGES_NOTHING | (_CHANGES_NO_LABEL if stage == "dataset" else {})
-    settings = experiment.model_dump(
-        mode="json", include=set(sections), exclude={key: ignored[key] for key in ignored.keys() & set(sections)}
-    )
-    if "robot" in settings and experiment.robot.name != OWN:
-        settings["robot"]["file_sha256"] = sha256(pathlib.Path(experiment.robot.name).read_bytes())
-    return settings
-
-
-def stage_hash(experiment: Experiment, stage: str) -> str:
-    """The sha256 of `stage_settings` in canonical JSON."""
-    return hash_json(stage_settings(experiment, stage))
-
-
 def experiment_hash(experiment: Experiment) -> str:
     """The sha256 of all settings but the name and the sweep, which change no result."""
-    return stage_hash(experiment, STAGES[-1])
+    return hash_json(experiment.model_dump(mode="json", exclude={"name", "sweep"}))
 
 
 def json_schema() -> dict[str, Any]:

@@ -19,6 +19,7 @@ from agile_jax import plugins
 from agile_jax.files import hash_json
 
 Table = Mapping[str, object]
+ELSEWHERE = "elsewhere"  # the source of labels that the expert has not made (dataset/write.py)
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,9 @@ class Artefact:
         amount: settings below `reads` that say how much is wanted; a larger amount begins with the smaller one.
         fixed_unless: when an amount is part of the key after all: by amount, the values that other settings must have.
         inputs: artefacts that it is made from, by name; their digests are part of the key.
-        foreign: other things whose content is part of the key, by name: "robot", and the kinds of plugins.
+        foreign: other things whose content is part of the key, by name: "robot", "labels" that were made elsewhere, and
+            the kinds of plugins.
+        only_grows: amounts of which less cannot be cut from more.
     """
 
     name: str
@@ -44,6 +47,7 @@ class Artefact:
     fixed_unless: tuple[tuple[str, Mapping[str, object]], ...] = ()
     inputs: tuple[str, ...] = ()
     foreign: tuple[str, ...] = ()
+    only_grows: tuple[str, ...] = ()
 
 
 LABELS = Artefact(
@@ -57,7 +61,7 @@ LABELS = Artefact(
         "dataset.start_seconds",
     ),
     amount=("dataset.trajectories",),
-    foreign=("expert", "obstacle"),
+    foreign=("expert", "obstacle", "labels"),
 )
 EXPERT_TIMES = Artefact(  # rest-to-rest solves; each start is a task with a digest of its own (store/parts.py)
     "expert-times",
@@ -84,12 +88,20 @@ EPOCHS = Artefact(
         "kinematic_test",
         "aggregation",
     ),
-    without_effect=("training.checkpoint_every", "training.devices", "training.keep"),
-    amount=("training.epochs", "kinematic_test.starts"),
+    without_effect=("training.checkpoint_every", "training.devices", "training.keep", "kinematic_test.starts"),
+    amount=("training.epochs",),
     fixed_unless=(
         ("training.epochs", {"training.schedule": "constant", "training.warmup": 0.0, "aggregation.rounds": 0}),
     ),
     inputs=("labels",),
+    foreign=("policy", "obstacle"),
+    only_grows=("training.epochs",),
+)
+KINEMATIC_TEST = Artefact(
+    "kinematic-test",
+    ("seed", "scene", "expert", "policy", "kinematic_test.starts", "kinematic_test.headroom", "kinematic_test.dt"),
+    amount=("kinematic_test.starts",),
+    inputs=("expert-times", "epochs"),
     foreign=("policy", "obstacle"),
 )
 EPISODES = Artefact(
@@ -109,10 +121,10 @@ EPISODES = Artefact(
 FIGURES = Artefact(
     "figures",
     ("name", "scene", "expert", "policy", "robot.legs", "robot.joints", "report"),
-    inputs=("labels", "epochs", "episodes"),
+    inputs=("labels", "epochs", "kinematic-test", "episodes"),
     foreign=("robot", "expert", "policy", "obstacle"),
 )
-ARTEFACTS = {one.name: one for one in (LABELS, EXPERT_TIMES, ANSWERS, EPOCHS, EPISODES, FIGURES)}
+ARTEFACTS = {one.name: one for one in (LABELS, EXPERT_TIMES, ANSWERS, EPOCHS, KINEMATIC_TEST, EPISODES, FIGURES)}
 
 
 def covered(artefact: Artefact, settings: Table) -> dict[str, object]:
@@ -125,6 +137,8 @@ def covered(artefact: Artefact, settings: Table) -> dict[str, object]:
     left_out = {*artefact.without_effect, *free}
     found: dict[str, object] = {}
     for dotted in artefact.reads:
+        if dotted in left_out:
+            continue
         *above, last = dotted.split(".")
         place = found
         for name in above:
@@ -167,6 +181,21 @@ def key(
     return hash_json(content | {"inputs": given, "foreign": strange})
 
 
+def described(artefact: Artefact, settings: Table) -> dict[str, object]:
+    """All settings that decide on the result, nested, those of its inputs and their amounts too: what a record tells,
+    and what a refusal compares.
+    """
+    found: dict[str, object] = {}
+    for name in artefact.inputs:
+        source = ARTEFACTS[name]
+        found = _merged(found, described(source, settings))
+        for dotted, value in amounts(source, settings).items():
+            for part in reversed(dotted.split(".")):
+                value = {part: value}
+            found = _merged(found, value)
+    return _merged(found, covered(artefact, settings))
+
+
 def keys(settings: Table, foreign: Mapping[str, str] | None = None) -> dict[str, str]:
     """The key of every artefact, with (key, amount) of its inputs in place of their digests: what depends on what,
     known before anything is made.
@@ -185,6 +214,16 @@ def differences(there: object, asked: object) -> list[str]:
     old, new = dict(_leaves(there)), dict(_leaves(asked))
     names = [name for name in dict.fromkeys([*old, *new]) if old.get(name, "absent") != new.get(name, "absent")]
     return [f"{name}: {old.get(name, 'absent')!r} there, {new.get(name, 'absent')!r} asked for" for name in names]
+
+
+def _merged(one: object, other: object) -> dict[str, object]:
+    assert isinstance(one, Mapping)
+    assert isinstance(other, Mapping)
+    joined = dict(one)
+    for name, value in other.items():
+        both = isinstance(value, Mapping) and isinstance(joined.get(name), Mapping)
+        joined[name] = _merged(joined[name], value) if both else value
+    return joined
 
 
 def _free_amounts(artefact: Artefact, settings: Table) -> tuple[str, ...]:

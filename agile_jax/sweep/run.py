@@ -17,11 +17,11 @@ import subprocess
 import sys
 import time
 
-from agile_jax.experiment import Experiment, stage_hash, to_toml
-from agile_jax.files import read_json, write_atomic, write_json
+from agile_jax.experiment import Experiment, to_toml
+from agile_jax.files import hash_json, read_json, write_atomic, write_json
 from agile_jax.pipeline import states
 from agile_jax.progress import Progress, silent
-from agile_jax.run_directory import locked
+from agile_jax.run_directory import begun_record, locked
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
 from agile_jax.sweep.trials import (
@@ -163,7 +163,8 @@ def wait_until_free(run_dir: pathlib.Path) -> None:
 
 def _share(trial: Trial, stage: str, sweep_dir: pathlib.Path) -> None:
     """Make the trial's stage folder a link to the one that all trials with an equal stage share."""
-    home = sweep_dir / "stages" / f"{stage}-{stage_hash(trial.experiment, stage)[:12]}"
+    wanted = begun_record(trial.run_dir, trial.experiment, stage)
+    home = sweep_dir / "stages" / f"{stage}-{hash_json([wanted.key, wanted.amounts])[:12]}"
     home.mkdir(parents=True, exist_ok=True)
     link = trial.run_dir / stage
     if not link.is_symlink() and not link.exists():

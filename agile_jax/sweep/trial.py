@@ -31,6 +31,7 @@ def main(run_dir: str, stages: str, engine: str, workers: str | None = None) -> 
                 folder,
                 stages.split(","),
                 engine=engine,
+                store=folder.absolute().parents[2] / ".store",  # beside the sweep
                 workers=None if workers is None else int(workers),
                 progress=persistent(progress, arrived),
             )

@@ -46,11 +46,14 @@ def test_equal_stages_are_shared_and_finished_trials_skipped(tmp_path: pathlib.P
 
 
 def test_a_failed_trial_is_recorded_and_the_sweep_goes_on(tmp_path: pathlib.Path) -> None:
-    hopeless = [50.0, 0.0, 0.26, 0.0]  # no start is inside the bounds
-    experiment = sweep({"scene.start.mean": [hopeless, [0.5, 0.066, 0.26, 0.0]]})
+    experiment = sweep({"seed": [0, 1]})
+    taken = list_trials(experiment, tmp_path)[0].run_dir / "dataset/thesis.txt"  # somebody's, in a stage's place
+    taken.parent.mkdir(parents=True)
+    taken.touch()
     failed, done = run_sweep(experiment, tmp_path, engine="inline")
     assert (failed.status, done.status) == ("failed", "done")
-    assert "scene.start" in failed.cause
+    assert "to move the old folder aside" in failed.cause
+    assert taken.exists()
     assert failed.metric is None
     record = json.loads((tmp_path / "sweep.json").read_text())
     assert record["trials"][0]["cause"] == failed.cause
@@ -66,7 +69,7 @@ def test_a_metric_that_is_not_there_is_a_named_failure(tmp_path: pathlib.Path) -
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
 def test_killed_and_resumed(number: signal.Signals, tmp_path: pathlib.Path) -> None:
     (tmp_path / "s.toml").write_text(
-        f'extends = "{BASE}"\nname = "s"\n[expert]\ntrajectories = 40\nshard_size = 1\nnodes = 20\n'
+        f'extends = "{BASE}"\nname = "s"\n[dataset]\ntrajectories = 40\nshard_size = 1\n[expert]\nnodes = 20\n'
         '[sweep]\nmetric = "dataset.optimality_gap_median"\n[sweep.space]\n"expert.nodes" = [20, 30]\n'
     )
     command = [sys.executable, "-m", "agile_jax.cli", "sweep", "s.toml", "--engine", "inline"]
