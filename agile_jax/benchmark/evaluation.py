@@ -23,14 +23,11 @@ import mujoco.rollout
 import numpy as np
 
 from agile_jax.benchmark.metrics import Metric, Result, as_json, number, table
-from agile_jax.control import ControllerState
 from agile_jax.engine import TaskFailure, TasksFailedError, open_engine
 from agile_jax.evaluation.backend import Backend, command_parameters, make_backend
 from agile_jax.evaluation.stage import evaluation_starts
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
-from agile_jax.robot import build_mujoco_model
-from agile_jax.scene import make_scene
 from agile_jax.simulation import Episode, MjxSlots, MujocoSlots, Sensed
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
 
@@ -118,7 +115,7 @@ def _inputs(experiment: Experiment, backend: str, batch: int) -> Experiment:
 
 
 def _workers_speed(experiment: Experiment, run_dir: pathlib.Path, batch: int) -> tuple[float, int]:
-    """Of all workers together, and their number."""
+    """The speed of all workers together, and their number."""
     with open_engine() as engine:
         tasks = [(experiment, run_dir.resolve(), batch)] * engine.workers
         results = [result for _, result in engine.map(_worker_speed, tasks)]
@@ -130,7 +127,7 @@ def _workers_speed(experiment: Experiment, run_dir: pathlib.Path, batch: int) ->
 
 
 def _worker_speed(task: tuple[Experiment, pathlib.Path, int]) -> float:
-    """Of one worker. Runs there."""
+    """The speed of one worker. Runs there."""
     experiment, run_dir, batch = task
     _, simulated, repeat = _prepare(experiment, run_dir, batch, 1)
     return batch * simulated / float(np.median([repeat() for _ in range(WORKER_REPETITIONS)]))
@@ -142,7 +139,7 @@ def _measure(experiment: Experiment, run_dir: pathlib.Path, batch: int, threads:
     speed = batch * simulated / min(repeat() for _ in range(REPETITIONS))
     if isinstance(slots, MjxSlots):
         return speed, None
-    return speed, _parts(experiment, slots, backend.qpos(evaluation_starts(experiment)), threads)
+    return speed, _parts(slots, backend.qpos(evaluation_starts(experiment)), threads, backend.plan_dt)
 
 
 def _prepare(
@@ -167,35 +164,35 @@ def _prepare(
 class _Timed:
     """The loop of `MujocoSlots` with a clock on each of its parts."""
 
-    def __init__(self, slots: MujocoSlots[ControllerState]) -> None:
+    def __init__(self, slots: MujocoSlots) -> None:
         self._slots = slots
         self.plan_seconds = self.act_seconds = self.physics_seconds = 0.0
         self.torques: list[np.ndarray] = []  # (n, 12) of every step [Nm]
 
-    def plan(self, episode: Episode[ControllerState], sensed: Sensed) -> Episode[ControllerState]:
+    def plan(self, episode: Episode, sensed: Sensed) -> Episode:
         begun = time.perf_counter()
         episode = jax.block_until_ready(self._slots.plan(episode, sensed))
         self.plan_seconds += time.perf_counter() - begun
         return episode
 
-    def act(self, episode: Episode[ControllerState], sensed: Sensed) -> Episode[ControllerState]:
+    def act(self, episode: Episode, sensed: Sensed) -> Episode:
         begun = time.perf_counter()
         episode = jax.block_until_ready(self._slots.act(episode, sensed))
         self.torques.append(np.asarray(episode.torque, np.float64))
         self.act_seconds += time.perf_counter() - begun
         return episode
 
-    def step(self, world: None, episode: Episode[ControllerState]) -> tuple[None, Sensed]:
+    def step(self, world: None, episode: Episode) -> tuple[None, Sensed]:
         begun = time.perf_counter()
         sensed = self._slots.physics.step(self.torques[-1])
         self.physics_seconds += time.perf_counter() - begun
         return world, sensed
 
 
-def _parts(experiment: Experiment, slots: MujocoSlots[ControllerState], qpos: np.ndarray, threads: int) -> Parts:
+def _parts(slots: MujocoSlots, qpos: np.ndarray, threads: int, plan_dt: float) -> Parts:
     """The time of each part of the loop: the fastest of the repetitions."""
     acts = slots.loop.acts_per_plan
-    plans = max(1, round(SIMULATED / (acts * experiment.control.control_dt)))
+    plans = max(1, round(SIMULATED / plan_dt))
     runs = []
     for _ in range(REPETITIONS):
         timed = _Timed(slots)
@@ -205,7 +202,7 @@ def _parts(experiment: Experiment, slots: MujocoSlots[ControllerState], qpos: np
             _, episodes, sensed = plan_cycle(timed, timed.step, None, episodes, sensed, acts, on_host)
         runs.append(timed)
 
-    model = build_mujoco_model(make_scene(experiment.scene), experiment.robot, experiment.control.control_dt)
+    model = slots.physics.model
     state = np.zeros((len(qpos), 1 + model.nq + model.nv))
     state[:, 1 : 1 + model.nq] = qpos
     torques = np.nan_to_num(np.stack(runs[-1].torques, 1))

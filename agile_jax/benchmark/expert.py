@@ -13,11 +13,11 @@ import platform
 import time
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, as_json, comparison, missed
+from agile_jax.benchmark.metrics import Metric, Result, as_json, comparison, missed
 from agile_jax.benchmark.peers.peer_path import Defects, PeerSolution, measure
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import Experiment
@@ -49,7 +49,7 @@ class Attempt(NamedTuple):
     defects: Defects
 
 
-def benchmark_expert(experiment: Experiment, starts: int = 100, progress: Progress = silent) -> dict[str, Any]:
+def benchmark_expert(experiment: Experiment, starts: int = 100, progress: Progress = silent) -> Result:
     """Measure, and return what goes into the JSON file: `metrics` by key, `starts` one by one, and the method."""
     settings = experiment.expert
     scene = make_scene(experiment.scene)
@@ -144,7 +144,7 @@ def _accepted(attempt: Attempt) -> bool:
     )
 
 
-def _row(attempt: Attempt) -> dict[str, Any]:
+def _row(attempt: Attempt) -> Result:
     return {
         "solved": attempt.solved,
         "status": attempt.status,
@@ -161,7 +161,7 @@ def _metrics(name: str, attempts: dict[str, list[Attempt]]) -> list[Metric]:
     milliseconds = [1e3 * attempt.wall for attempt in mine]
     cpu, wall = sum(attempt.cpu for attempt in mine), sum(attempt.wall for attempt in mine)
 
-    def over(values: list[float], reduce: Any) -> float | None:
+    def over(values: list[float], reduce: Callable[[list[float]], float]) -> float | None:
         return float(reduce(values)) if values else None
 
     found = [
@@ -226,7 +226,7 @@ def _against(peer: list[Attempt], ours: list[Attempt], rate: float | None) -> li
     ]
 
 
-def report(result: dict[str, Any]) -> str:
+def report(result: Result) -> str:
     """The result as a table to read."""
     metrics = result["metrics"]
     names = [name for name in (*PEERS, "ours") if f"{name}.solved" in metrics]

@@ -13,14 +13,19 @@ import os
 import platform
 import time
 from importlib.metadata import PackageNotFoundError, version
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import jax
+import jax.numpy as jnp
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, as_json, missed, number, table
+from agile_jax.benchmark.metrics import Better, Metric, Result, as_json, missed, number, table
 from agile_jax.benchmark.peers.dense_qp import DenseQp, dense_qp, violations
 from agile_jax.benchmark.peers.qp_peer import Peer
 from agile_jax.benchmark.peers.qp_solvers import make_clarabel, make_peers
+from agile_jax.benchmark.workloads.mpc_problems import record_problems
+from agile_jax.control.mpc.problem import MpcConstants, Qp, mpc_constants
+from agile_jax.control.mpc.solver.cascade import cold_start, make_solver
 from agile_jax.control.settings import ControlSettings, MpcSettings
 from agile_jax.progress import Progress, silent
 
@@ -42,7 +47,7 @@ class Measured(NamedTuple):
     pyramid: bool
 
 
-def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progress = silent) -> dict[str, Any]:
+def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progress = silent) -> Result:
     """Measure, and return what goes into the JSON file: `metrics` by key, and the method.
 
     Args:
@@ -50,11 +55,6 @@ def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progre
         count: problems of each kind.
         progress: is told of each solver.
     """
-    import jax
-
-    from agile_jax.benchmark.workloads.mpc_problems import record_problems
-    from agile_jax.control.mpc.problem import mpc_constants
-
     recorded = record_problems(settings, count, progress=progress)
     constants = mpc_constants(settings.mpc)
     peers, missing = make_peers(settings.mpc)
@@ -67,7 +67,7 @@ def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progre
         for pyramid in (False, True):
             progress(condition, 0, count, "exact solutions")
             reference = make_clarabel(EXACT, pyramid)
-            exact[pyramid] = [reference.solve(reference.prepare(problem)) for problem in problems]
+            exact[pyramid] = [reference.prepare(problem)() for problem in problems]
         found: dict[str, Measured] = {}
         for name, peer in peers.items():
             progress(condition, 0, count, name)
@@ -105,15 +105,15 @@ def ours(gpu: bool) -> list[tuple[str, int, bool]]:
 
 def measure_peer(peer: Peer, problems: list[DenseQp]) -> Measured:
     """All problems one by one."""
-    prepared = [peer.prepare(problem) for problem in problems]
-    peer.solve(prepared[0])
+    solves = [peer.prepare(problem) for problem in problems]
+    solves[0]()
     forces: list[np.ndarray | None] = []
     best, latencies = np.inf, np.full(len(problems), np.inf)
     for _ in range(PASSES):
         cpu, forces = 0.0, []
-        for i, data in enumerate(prepared):
+        for i, solve in enumerate(solves):
             wall, begun = time.perf_counter(), time.process_time()
-            forces.append(peer.solve(data))
+            forces.append(solve())
             cpu += time.process_time() - begun
             latencies[i] = min(latencies[i], time.perf_counter() - wall)
         best = min(best, cpu)
@@ -121,14 +121,9 @@ def measure_peer(peer: Peer, problems: list[DenseQp]) -> Measured:
 
 
 def measure_ours(
-    settings: MpcSettings, constants: Any, qp: Any, problems: list[DenseQp], batch: int, pyramid: bool
+    settings: MpcSettings, constants: MpcConstants, qp: Qp, problems: list[DenseQp], batch: int, pyramid: bool
 ) -> Measured:
     """All problems in batches, the last one filled up with the first problems."""
-    import jax
-    import jax.numpy as jnp
-
-    from agile_jax.control.mpc.solver.cascade import cold_start, make_solver
-
     shape = settings.model_copy(update={"friction_cone": "pyramid" if pyramid else "cone"})
     solve_one = make_solver(constants, shape)
     cold = cold_start(settings.horizon)
@@ -167,7 +162,7 @@ def condition_metrics(
     problems: list[DenseQp],
     exact: dict[bool, list[np.ndarray | None]],
 ) -> list[Metric]:
-    """Those of all methods on one kind of problems."""
+    """The metrics of all methods on one kind of problems."""
     metrics: list[Metric] = []
     accurate: dict[str, float] = {}
     for name, measured in found.items():
@@ -186,7 +181,7 @@ def condition_metrics(
         accurate[name] = share * measured.rate
         cone, torque, joint = np.max(np.array(broken), 0) if broken else [np.nan] * 3
 
-        def add(key: str, value: float | None, unit: str, better: Any, meaning: str, name: str = name) -> None:
+        def add(key: str, value: float | None, unit: str, better: Better, meaning: str, name: str = name) -> None:
             metrics.append(Metric(f"{condition}.{name}.{key}", value, unit, better, meaning))
 
         add("solves_per_core_second", measured.rate, "1/s", "higher", "")
@@ -214,7 +209,7 @@ def condition_metrics(
     return [metric._replace(target=5.0) if metric.key.endswith("ours_1.latency_p99") else metric for metric in metrics]
 
 
-def report_mpc(result: dict[str, Any]) -> str:
+def report_mpc(result: Result) -> str:
     """The result as tables to read."""
     metrics = result["metrics"]
     lines = [f"mpc: {result['problem']['count']} problems of each kind, {result['machine']['device']}"]

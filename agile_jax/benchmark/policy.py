@@ -11,11 +11,10 @@ import platform
 import time
 from collections.abc import Callable
 from importlib.metadata import version
-from typing import Any
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, as_json, missed, number, table
+from agile_jax.benchmark.metrics import Metric, Result, as_json, missed, number, table
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import Experiment
 from agile_jax.expert import make_expert
@@ -28,7 +27,7 @@ SPEED_TARGET = 1000.0  # queries in a batch for one solve
 METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
 
 
-def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progress = silent) -> dict[str, Any]:
+def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progress = silent) -> Result:
     """Measure, and return what goes into the JSON file: `metrics` by key and the method."""
     import jax
 
@@ -74,7 +73,7 @@ def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progre
     }
 
 
-def _seconds(call: Callable[..., Any], argument: np.ndarray) -> float:
+def _seconds(call: Callable[..., object], argument: np.ndarray) -> float:
     began = time.perf_counter()
     call(argument)
     return time.perf_counter() - began
@@ -103,7 +102,7 @@ def _metrics(singles: np.ndarray, batches: np.ndarray, solves: np.ndarray) -> li
     ]
 
 
-def report_policy(result: dict[str, Any]) -> str:
+def report_policy(result: Result) -> str:
     """The result as a table to read."""
     metrics = result["metrics"]
     rows = [

@@ -20,11 +20,11 @@ from contextlib import contextmanager
 from functools import partial
 from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, as_json, comparison, missed
+from agile_jax.benchmark.metrics import Metric, Result, as_json, comparison, missed
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
@@ -58,7 +58,7 @@ class Timing(NamedTuple):
 
 def benchmark_training(
     experiment: Experiment, steps: int = 4, repetitions: int = 20, progress: Progress = silent
-) -> dict[str, Any]:
+) -> Result:
     """Measure, and return what goes into the JSON file: `metrics` by key and the method.
 
     Args:
@@ -227,7 +227,7 @@ def _metrics(timings: dict[str, list[Timing]], work: dict[str, float]) -> list[M
     return found
 
 
-def report_training(result: dict[str, Any]) -> str:
+def report_training(result: Result) -> str:
     """The result as a table to read."""
     metrics = result["metrics"]
     names = [name for name in METHODS if f"{name}.rate" in metrics]

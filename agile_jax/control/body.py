@@ -4,6 +4,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from agile_jax.control.mpc.centroidal import BodyState
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
@@ -13,23 +14,23 @@ from agile_jax.robot import RobotModel, RobotState, composite_inertia
 class Reference(NamedTuple):
     """What the trunk should do. Poses are [x, y, z, yaw] in the world [m, rad]; N nodes of the MPC."""
 
-    pose: jax.Array  # (4,) now
-    velocity: jax.Array  # (4,) now [m/s, rad/s]
-    poses: jax.Array  # (N, 4) at the ends of the MPC's steps
-    velocities: jax.Array  # (N, 4)
+    pose: Float[Array, "4"]  # now
+    velocity: Float[Array, "4"]  # now [m/s, rad/s]
+    poses: Float[Array, "N 4"]  # at the ends of the MPC's steps
+    velocities: Float[Array, "N 4"]
 
 
 class Body(NamedTuple):
     """The measured state, as the planner sees it."""
 
-    R_world_base: jax.Array  # (3, 3)
-    R_world_yaw: jax.Array  # (3, 3)
-    rpy: jax.Array  # (3,) [rad]
-    com_world: jax.Array  # (3,) [m]
-    com_velocity_world: jax.Array  # (3,) [m/s]
-    mass: jax.Array  # () [kg]
-    inertia_base: jax.Array  # (3, 3) about the centre of mass [kg m^2]
-    com_base: jax.Array  # (3,) [m]
+    R_world_base: Float[Array, "3 3"]
+    R_world_yaw: Float[Array, "3 3"]
+    rpy: Float[Array, "3"]  # [rad]
+    com_world: Float[Array, "3"]  # [m]
+    com_velocity_world: Float[Array, "3"]  # [m/s]
+    mass: Float[Array, ""]  # [kg]
+    inertia_base: Float[Array, "3 3"]  # about the centre of mass [kg m^2]
+    com_base: Float[Array, "3"]  # [m]
 
 
 def measure(robot: RobotModel, state: RobotState) -> Body:

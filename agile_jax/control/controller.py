@@ -149,7 +149,7 @@ class MpcController:
         wanted = torques.whole_body_torque(
             robot,
             settings,
-            self.leg_inertia * feed_forward_share(crouch),
+            feed_forward_share(crouch) * self.leg_inertia,
             robot_state,
             R_world_base,
             bears,

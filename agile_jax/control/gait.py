@@ -10,6 +10,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Bool, Float, Int
 
 from agile_jax.control.settings import GaitSettings
 
@@ -22,23 +23,22 @@ GRACE = 0.05  # a foot that is late gets its planned force that long, which brin
 class Gait(NamedTuple):
     """State of the gait."""
 
-    phase: jax.Array  # () in [0, 1)
-    walk: jax.Array  # () 0: trot, 1: walk
-    stand: jax.Array  # () bool: stop where all feet are down
-    period: jax.Array  # () [s]
-    landed: (
-        jax.Array
-    )  # (4,) bool: the foot has touched the ground since its last swing, or near the end of the present one
+    phase: Float[Array, ""]  # in [0, 1)
+    walk: Float[Array, ""]  # 0: trot, 1: walk
+    stand: Bool[Array, ""]  # stop where all feet are down
+    period: Float[Array, ""]  # [s]
+    # The foot has touched the ground since its last swing, or near the end of the present one.
+    landed: Bool[Array, "4"]
 
 
 def start(settings: GaitSettings) -> Gait:
-    """All feet down."""
+    """The gait of a robot that stands with all feet down."""
     walk = jnp.float32(settings.walk_speed > 0)
     return Gait(jnp.float32(0.0), walk, jnp.bool_(True), jnp.float32(settings.period), jnp.ones(4, bool))
 
 
-def duty(settings: GaitSettings, gait: Gait) -> jax.Array:
-    """Fraction of the period that a foot stands, ()."""
+def duty(settings: GaitSettings, gait: Gait) -> Float[Array, ""]:
+    """Fraction of the period that a foot stands."""
     return settings.duty + (settings.walk_duty - settings.duty) * gait.walk
 
 
@@ -47,42 +47,42 @@ def leg_phase(gait: Gait, phase: jax.Array) -> jax.Array:
     return jnp.mod(phase[..., None] + jnp.array(TROT_OFFSETS) + gait.walk * jnp.array(WALK_SHIFT), 1.0)
 
 
-def scheduled(settings: GaitSettings, gait: Gait) -> jax.Array:
-    """Which feet stand by the clock, (4,) bool."""
+def scheduled(settings: GaitSettings, gait: Gait) -> Bool[Array, "4"]:
+    """Which feet stand by the clock."""
     return leg_phase(gait, gait.phase) < duty(settings, gait)
 
 
-def standing(settings: GaitSettings, gait: Gait) -> jax.Array:
-    """Which feet stand: those that have landed, even early, and those that are hardly late. (4,) bool."""
+def standing(settings: GaitSettings, gait: Gait) -> Bool[Array, "4"]:
+    """Which feet stand: those that have landed, even early, and those that are hardly late."""
     phase = leg_phase(gait, gait.phase)
     return gait.landed | ((phase < duty(settings, gait)) & (phase * gait.period < GRACE))
 
 
-def late_by(settings: GaitSettings, gait: Gait) -> jax.Array:
-    """How long ago a foot that is still in the air should have landed, beyond the grace; else 0. (4,) [s]."""
+def late_by(settings: GaitSettings, gait: Gait) -> Float[Array, "4"]:
+    """How long ago a foot that is still in the air should have landed, beyond the grace; else 0 [s]."""
     waited = leg_phase(gait, gait.phase) * gait.period - GRACE
     return jnp.where(scheduled(settings, gait) & ~standing(settings, gait), waited, 0.0)
 
 
-def swing_progress(settings: GaitSettings, gait: Gait) -> jax.Array:
-    """Progress of each swing in [0, 1]; 0 while the foot stands by the clock, and 1 while it is late. (4,)."""
+def swing_progress(settings: GaitSettings, gait: Gait) -> Float[Array, "4"]:
+    """Progress of each swing in [0, 1]; 0 while the foot stands by the clock, and 1 while it is late."""
     stands = duty(settings, gait)
     progress = jnp.clip((leg_phase(gait, gait.phase) - stands) / (1 - stands), 0.0, 1.0)
     return jnp.where(late_by(settings, gait) > 0, 1.0, progress)
 
 
-def time_to_touch_down(gait: Gait) -> jax.Array:
-    """Until each foot next lands by the clock, (4,) [s]."""
+def time_to_touch_down(gait: Gait) -> Float[Array, "4"]:
+    """Until each foot next lands by the clock [s]."""
     return (1.0 - leg_phase(gait, gait.phase)) * gait.period
 
 
-def swing_duration(settings: GaitSettings, gait: Gait) -> jax.Array:
-    """[s]."""
+def swing_duration(settings: GaitSettings, gait: Gait) -> Float[Array, ""]:
+    """How long a foot swings [s]."""
     return gait.period * (1 - duty(settings, gait))
 
 
-def stance_duration(settings: GaitSettings, gait: Gait) -> jax.Array:
-    """[s]."""
+def stance_duration(settings: GaitSettings, gait: Gait) -> Float[Array, ""]:
+    """How long a foot stands [s]."""
     return gait.period * duty(settings, gait)
 
 
@@ -95,8 +95,8 @@ def _phase_after(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> jax.
     return jnp.where(gait.stand & pure, jnp.minimum(after, jnp.ceil(2 * gait.phase) / 2), after)
 
 
-def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> jax.Array:
-    """Which feet will stand after the given times (N,) [s]: by the clock, corrected by what they touch now. (N, 4)."""
+def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: Float[Array, " N"]) -> Bool[Array, "N 4"]:
+    """Which feet will stand after the given times [s]: by the clock, corrected by what they touch now."""
     by_clock = leg_phase(gait, _phase_after(settings, gait, elapsed)) < duty(settings, gait)
     now = standing(settings, gait)
     early = now & ~scheduled(settings, gait) & (elapsed[:, None] < time_to_touch_down(gait))
@@ -104,8 +104,8 @@ def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> ja
     return (by_clock | early) & ~late
 
 
-def landings_ahead(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> jax.Array:
-    """How often each foot will have landed by the clock after the given times (N,) [s]. (N, 4) int32."""
+def landings_ahead(settings: GaitSettings, gait: Gait, elapsed: Float[Array, " N"]) -> Int[Array, "N 4"]:
+    """How often each foot will have landed by the clock after the given times [s]."""
 
     def strides(phase: jax.Array) -> jax.Array:
         return jnp.floor(phase[..., None] + jnp.array(TROT_OFFSETS) + gait.walk * jnp.array(WALK_SHIFT))
@@ -113,13 +113,13 @@ def landings_ahead(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> ja
     return (strides(_phase_after(settings, gait, elapsed)) - strides(gait.phase)).astype(jnp.int32)
 
 
-def advance(settings: GaitSettings, gait: Gait, dt: float, touching: jax.Array | None) -> Gait:
+def advance(settings: GaitSettings, gait: Gait, dt: float, touching: Bool[Array, "4"] | None) -> Gait:
     """One control step on.
 
     Args:
         settings, gait: as they are.
         dt: [s].
-        touching: which feet touch something, (4,) bool. None: the robot cannot feel, and the clock is believed.
+        touching: which feet touch something. None: the robot cannot feel, and the clock is believed.
     """
     phase = jnp.mod(_phase_after(settings, gait, jnp.float32(dt)), 1.0)
     moved = gait._replace(phase=phase)
@@ -130,13 +130,13 @@ def advance(settings: GaitSettings, gait: Gait, dt: float, touching: jax.Array |
     return moved._replace(landed=(gait.landed | touching) & (by_clock | coming_down))
 
 
-def schedule(settings: GaitSettings, gait: Gait, speed: jax.Array, at_rest: jax.Array, dt: float) -> Gait:
+def schedule(settings: GaitSettings, gait: Gait, speed: Float[Array, ""], at_rest: Bool[Array, ""], dt: float) -> Gait:
     """Choose gait and period for the speed, once a plan.
 
     Args:
         settings, gait: as they are.
-        speed: of the reference in the plane () [m/s].
-        at_rest: () bool, nothing asks for a step.
+        speed: of the reference in the plane [m/s].
+        at_rest: nothing asks for a step.
         dt: since the last plan [s].
     """
     share = jnp.clip(speed / settings.full_speed, 0.0, 1.0)
@@ -147,13 +147,13 @@ def schedule(settings: GaitSettings, gait: Gait, speed: jax.Array, at_rest: jax.
     return gait._replace(walk=walk, period=period, stand=at_rest)
 
 
-def step_height(settings: GaitSettings, speed: jax.Array, headroom: jax.Array) -> jax.Array:
-    """Lift of a swinging foot () [m]: higher when fast, and at most its share of what the knee's limit leaves.
+def step_height(settings: GaitSettings, speed: Float[Array, ""], headroom: Float[Array, ""]) -> Float[Array, ""]:
+    """Lift of a swinging foot [m]: higher when fast, and at most its share of what the knee's limit leaves.
 
     Args:
         settings: of the gait.
-        speed: of the body in the plane () [m/s].
-        headroom: lift at which the knee reaches its limit () [m].
+        speed: of the body in the plane [m/s].
+        headroom: lift at which the knee reaches its limit [m].
     """
     share = jnp.clip(speed / settings.full_speed, 0.0, 1.0)
     lift = settings.slow_step_height + (settings.step_height - settings.slow_step_height) * share

@@ -10,7 +10,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Bool, Float
 
+from agile_jax.arrays import AnyArray
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import swing_path
 from agile_jax.robot import (
@@ -18,7 +20,6 @@ from agile_jax.robot import (
     RobotModel,
     RobotState,
     composite_inertia,
-    leg_forward_kinematics,
     leg_inverse_kinematics,
     leg_jacobian,
     link_poses,
@@ -34,17 +35,19 @@ GUARD_TIME, GUARD_MARGIN, GUARD_STIFFNESS = 0.01, 0.02, 5.0
 class SwingTarget(NamedTuple):
     """Paths of the four feet; those of standing feet are not used."""
 
-    lift_off_world: jax.Array  # (4, 3) [m]
-    foothold_world: jax.Array  # (4, 3) [m]
-    step_height: jax.Array  # () [m]
-    progress: jax.Array  # (4,) in [0, 1]
-    duration: jax.Array  # () [s]
-    depth: jax.Array  # (4,) that much below the path [m]
-    descent: jax.Array  # (4,) and that fast down [m/s]
+    lift_off_world: Float[Array, "4 3"]  # [m]
+    foothold_world: Float[Array, "4 3"]  # [m]
+    step_height: Float[Array, ""]  # [m]
+    progress: Float[Array, "4"]  # in [0, 1]
+    duration: Float[Array, ""]  # [s]
+    depth: Float[Array, "4"]  # that much below the path [m]
+    descent: Float[Array, "4"]  # and that fast down [m/s]
 
 
-def gravity_torque(robot: RobotModel, joint_pos: jax.Array, R_world_base: jax.Array) -> jax.Array:
-    """Torque that holds the legs' weight with the trunk held: the gradient of potential energy. Shape (12,) [Nm]."""
+def gravity_torque(
+    robot: RobotModel, joint_pos: Float[Array, "12"], R_world_base: Float[Array, "3 3"]
+) -> Float[Array, "12"]:
+    """Torque that holds the legs' weight with the trunk held: the gradient of potential energy [Nm]."""
     up_base = R_world_base[2]
 
     def energy(q: jax.Array) -> jax.Array:
@@ -54,13 +57,13 @@ def gravity_torque(robot: RobotModel, joint_pos: jax.Array, R_world_base: jax.Ar
     return jax.grad(energy)(joint_pos)
 
 
-def passive_torque(robot: RobotModel, joint_vel: jax.Array) -> jax.Array:
-    """Torque that damping and dry friction of the joints take. Shape (12,) [Nm]."""
+def passive_torque(robot: RobotModel, joint_vel: Float[Array, "12"]) -> Float[Array, "12"]:
+    """Torque that damping and dry friction of the joints take [Nm]."""
     return robot.joint_damping * joint_vel + robot.joint_friction * jnp.tanh(joint_vel / FRICTION_BLEND)
 
 
-def stance_torque(jacobian: jax.Array, forces_base: jax.Array) -> jax.Array:
-    """-J' f. Shapes (4, 3, 3), (4, 3) to (12,) [Nm]."""
+def stance_torque(jacobian: Float[Array, "4 3 3"], forces_base: Float[Array, "4 3"]) -> Float[Array, "12"]:
+    """The torques -J' f of standing legs under forces of the ground f [N]. In [Nm]."""
     return -jnp.einsum("lij,li->lj", jacobian, forces_base).reshape(-1)
 
 
@@ -87,8 +90,8 @@ def swing_joint_target(
     return joint_pos, joint_vel.reshape(-1), joint_acc.reshape(-1)
 
 
-def leg_inertia(robot: RobotModel, joint_pos: np.ndarray) -> np.ndarray:
-    """Joint-space inertia of each leg with the trunk held, the motors' included, shape (4, 3, 3) [kg m^2]."""
+def leg_inertia(robot: RobotModel, joint_pos: Float[np.ndarray, "12"]) -> Float[np.ndarray, "4 3 3"]:
+    """Joint-space inertia of each leg with the trunk held, the motors' included [kg m^2]."""
     masses, coms, inertias = (np.asarray(a) for a in (robot.link_masses, robot.link_coms, robot.link_inertias))
 
     def motion(q: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -107,8 +110,10 @@ def leg_inertia(robot: RobotModel, joint_pos: np.ndarray) -> np.ndarray:
     return np.stack([whole[3 * leg : 3 * leg + 3, 3 * leg : 3 * leg + 3] for leg in range(4)])
 
 
-def limit_guard(robot: RobotModel, joint_pos: jax.Array, joint_vel: jax.Array, stiffness: float) -> jax.Array:
-    """Torques that stop joints before their limits: a spring on where they will be shortly. Shape (12,) [Nm].
+def limit_guard(
+    robot: RobotModel, joint_pos: Float[Array, "12"], joint_vel: Float[Array, "12"], stiffness: float
+) -> Float[Array, "12"]:
+    """Torques that stop joints before their limits: a spring on where they will be shortly [Nm].
 
     A leg that swings forward fast folds its knee by inertia, further than its path asks.
     """
@@ -121,21 +126,21 @@ def limit_guard(robot: RobotModel, joint_pos: jax.Array, joint_vel: jax.Array, s
 def whole_body_torque(
     robot: RobotModel,
     settings: ControlSettings,
-    inertia: np.ndarray,
+    inertia: Float[AnyArray, "4 3 3"],
     robot_state: RobotState,
-    R_world_base: jax.Array,
-    standing: jax.Array,
-    forces_world: jax.Array,
+    R_world_base: Float[Array, "3 3"],
+    standing: Bool[Array, "4"],
+    forces_world: Float[Array, "4 3"],
     swing: SwingTarget,
-) -> jax.Array:
-    """Torques that the planned forces and paths ask of the joints, limits aside. Shape (12,) [Nm].
+) -> Float[Array, "12"]:
+    """Torques that the planned forces and paths ask of the joints, limits aside [Nm].
 
     Args:
         robot, settings, robot_state: of one robot.
-        inertia: of the legs, from `leg_inertia`, (4, 3, 3).
-        R_world_base: (3, 3).
-        standing: (4,) boolean.
-        forces_world: (4, 3) planned forces of the ground on the feet [N].
+        inertia: of the legs that is fed forward, at most that of `leg_inertia` [kg m^2].
+        R_world_base: measured.
+        standing: which feet stand.
+        forces_world: planned forces of the ground on the feet [N].
         swing: the paths of the feet in the air.
     """
     jacobian = leg_jacobian(robot, robot_state.joint_pos)  # (4, 3, 3) base frame
@@ -148,6 +153,3 @@ def whole_body_torque(
     torque = jnp.where(jnp.repeat(standing, 3), stance, pd)
     torque += gravity_torque(robot, robot_state.joint_pos, R_world_base)
     return torque + passive_torque(robot, robot_state.joint_vel)
-
-
-__all__ = ["SwingTarget", "gravity_torque", "leg_forward_kinematics", "passive_torque", "whole_body_torque"]

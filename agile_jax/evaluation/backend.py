@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from agile_jax.control import ControllerState, make_controller
+from agile_jax.control import in_float32, make_controller
 from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment import Experiment
@@ -53,7 +53,7 @@ class Backend:
         target: pose [m, rad].
     """
 
-    slots: MujocoSlots[ControllerState] | MjxSlots[ControllerState]
+    slots: MujocoSlots | MjxSlots
     robot: RobotModel
     device: str
     plan_dt: float
@@ -64,7 +64,8 @@ class Backend:
 
     def qpos(self, starts: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 19"]:
         """The coordinates of the robot that stands at poses [m, rad]."""
-        return np.asarray(jax.vmap(lambda start: standing_qpos(self.robot, start))(np.asarray(starts, np.float32)))
+        stand = jax.vmap(in_float32(lambda start: standing_qpos(self.robot, start)))
+        return np.asarray(stand(np.asarray(starts, np.float32)))
 
     def query_seconds(self) -> float:
         """The median time of one query of the guidance, as the loop asks: for all slots at once [s]."""
@@ -108,7 +109,7 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
     model = build_mujoco_model(scene, experiment.robot, control.control_dt)
     controller, limit = make_controller(robot, control), np.array(experiment.expert.acceleration)
     loop = ClosedLoop(scene, robot, collision_shapes(model), control, guidance, limit, controller)
-    running: MujocoSlots[ControllerState] | MjxSlots[ControllerState]
+    running: MujocoSlots | MjxSlots
     if settings.backend == "mujoco":
         running, device = (
             MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters, planner),

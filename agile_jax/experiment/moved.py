@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 
 MOVED = {
     "closed_loop": "kinematic_test",
+    "control.leash": "control.lead_limit",
     "dagger": "aggregation",
     "dataset.target": "dataset.label_kind",
     "expert.planner": "expert.dimensions",

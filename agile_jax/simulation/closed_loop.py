@@ -5,7 +5,7 @@ differ only in who integrates the physics between two calls of `act`.
 """
 
 import dataclasses
-from typing import Generic, NamedTuple, TypeVar
+from typing import NamedTuple, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,6 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
 from agile_jax.control import Controller, ControlSettings, Diagnostics, in_float32
-from agile_jax.control.interface import State
 from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, robot_state
 from agile_jax.scene import Scene
 from agile_jax.simulation.outcome import RUNNING, Outcome, init_outcome, trunk_pose, update_outcome
@@ -24,10 +23,10 @@ from agile_jax.simulation.sensed import Sensed
 T = TypeVar("T")
 
 
-class Episode(NamedTuple, Generic[State]):
+class Episode(NamedTuple):
     """State of the closed loop of one robot."""
 
-    controller: State
+    controller: PyTree  # its state
     reference: ReferenceState
     outcome: Outcome
     diagnostics: Diagnostics  # of the controller; once the episode has ended, its counts stay
@@ -35,7 +34,7 @@ class Episode(NamedTuple, Generic[State]):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class ClosedLoop(Generic[State]):
+class ClosedLoop:
     """Pure functions of one robot; vmap them. The controller is an argument, and so is what it follows.
 
     Attributes:
@@ -54,7 +53,7 @@ class ClosedLoop(Generic[State]):
     settings: ControlSettings
     guidance: Guidance
     acceleration_limit: Float[np.ndarray, "4"]
-    controller: Controller[State]
+    controller: Controller[PyTree]
 
     @property
     def acts_per_plan(self) -> int:
@@ -62,7 +61,7 @@ class ClosedLoop(Generic[State]):
         return round(self.settings.plan_dt / self.settings.control_dt)
 
     @in_float32
-    def init(self, sensed: Sensed, time_limit: Float[Array, ""]) -> Episode[State]:
+    def init(self, sensed: Sensed, time_limit: Float[Array, ""]) -> Episode:
         """Begin an episode.
 
         Args:
@@ -75,9 +74,7 @@ class ClosedLoop(Generic[State]):
         return Episode(state, reference, init_outcome(time_limit), diagnostics, jnp.zeros(12))
 
     @in_float32
-    def plan(
-        self, parameters: PyTree, path: TimedPath | None, episode: Episode[State], sensed: Sensed
-    ) -> Episode[State]:
+    def plan(self, parameters: PyTree, path: TimedPath | None, episode: Episode, sensed: Sensed) -> Episode:
         """Advance the reference along what is followed, and let the controller plan; every `plan_dt` [s].
 
         Args:
@@ -103,7 +100,7 @@ class ClosedLoop(Generic[State]):
         )
 
     @in_float32
-    def act(self, episode: Episode[State], sensed: Sensed) -> Episode[State]:
+    def act(self, episode: Episode, sensed: Sensed) -> Episode:
         """Judge the last step, then set the torques of the next; every `control_dt` [s].
 
         Args:
@@ -125,7 +122,7 @@ class ClosedLoop(Generic[State]):
         diagnostics = self._diagnostics(episode, state)
         return episode._replace(controller=state, outcome=outcome, diagnostics=diagnostics, torque=torque)
 
-    def _diagnostics(self, episode: Episode[State], state: State) -> Diagnostics:
+    def _diagnostics(self, episode: Episode, state: PyTree) -> Diagnostics:
         running = episode.outcome.status == RUNNING
         return counted_while(running, self.controller.diagnostics(state), episode.diagnostics)
 

@@ -5,7 +5,7 @@ Over several devices each simulates its share of the robots; nothing passes betw
 
 import dataclasses
 from collections.abc import Callable
-from typing import Generic, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -13,7 +13,6 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from agile_jax.control.interface import State
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.mjx_physics import MjxModel, mjx, mjx_reset, mjx_step
 from agile_jax.simulation.outcome import RUNNING
@@ -25,56 +24,54 @@ from agile_jax.simulation.traces import Sample, sample_of
 SEGMENT = 10  # plans between two looks at who has ended
 
 
-class MjxState(NamedTuple, Generic[State]):
+class MjxState(NamedTuple):
     """One robot in MJX and its loop."""
 
     data: mjx.Data
-    episode: Episode[State]
+    episode: Episode
     sensed: Sensed
     plans: Int[Array, ""]  # made in this episode
 
 
-Recorded = tuple[Bool[Array, "n segment"], Sample]  # was it running, samples (n, SEGMENT, ...)
+Recorded = tuple[Bool[Array, "..."], Sample]  # was it running, samples: of each plan
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MjxLoop(Generic[State]):
+class MjxLoop:
     """Compiled functions of n robots, a multiple of the number of devices; compiled anew for each n."""
 
-    first: Callable[[Float[np.ndarray, "n nq"], Float[np.ndarray, " n"]], MjxState[State]]  # (qpos, time limits [s])
+    first: Callable[[Float[np.ndarray, "n nq"], Float[np.ndarray, " n"]], MjxState]  # (qpos, time limits [s])
     # (where new episodes begin, qpos, time limits [s], states, which it consumes)
-    begin: Callable[
-        [Bool[np.ndarray, " n"], Float[np.ndarray, "n nq"], Float[np.ndarray, " n"], MjxState[State]], MjxState[State]
-    ]
+    begin: Callable[[Bool[np.ndarray, " n"], Float[np.ndarray, "n nq"], Float[np.ndarray, " n"], MjxState], MjxState]
     # (policy parameters, states, which it consumes) -> states a segment later, and what was on the way
-    advance: Callable[[PyTree, MjxState[State]], tuple[MjxState[State], Recorded]]
+    advance: Callable[[PyTree, MjxState], tuple[MjxState, Recorded]]
     devices: int
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class MjxEpisode(Generic[State]):
+class MjxEpisode:
     """The functions of one robot that `mjx_loop` compiles for many."""
 
-    loop: ClosedLoop[State]
+    loop: ClosedLoop
     model: MjxModel
 
-    def init(self, qpos: Float[Array, " nq"], limit: Float[Array, ""]) -> MjxState[State]:
+    def init(self, qpos: Float[Array, " nq"], limit: Float[Array, ""]) -> MjxState:
         """Begin an episode at rest at coordinates `qpos`, with a time limit [s]."""
         nothing = jnp.bool_(False)
         sensed = Sensed(qpos, jnp.zeros(self.model.model.nv, qpos.dtype), nothing, nothing, jnp.zeros(4, bool))
         return MjxState(mjx_reset(self.model, qpos), self.loop.init(sensed, limit), sensed, jnp.int32(0))
 
     def begin(
-        self, mask: Bool[Array, " n"], qpos: Float[Array, "n nq"], limits: Float[Array, " n"], states: MjxState[State]
-    ) -> MjxState[State]:
+        self, mask: Bool[Array, " n"], qpos: Float[Array, "n nq"], limits: Float[Array, " n"], states: MjxState
+    ) -> MjxState:
         """Begin new episodes where `mask` is set, of many robots."""
         return resume_from(mask, jax.vmap(self.init)(qpos, limits), states)
 
-    def advance(self, parameters: PyTree, state: MjxState[State]) -> tuple[MjxState[State], Recorded]:
+    def advance(self, parameters: PyTree, state: MjxState) -> tuple[MjxState, Recorded]:
         """A segment of plans."""
         return jax.lax.scan(lambda carry, _: self._one_plan(parameters, carry), state, None, length=SEGMENT)
 
-    def _one_plan(self, parameters: PyTree, state: MjxState[State]) -> tuple[MjxState[State], Recorded]:
+    def _one_plan(self, parameters: PyTree, state: MjxState) -> tuple[MjxState, Recorded]:
         running = state.episode.outcome.status == RUNNING
         data, episode, sensed = plan_cycle(
             FollowsPolicy(self.loop, parameters),
@@ -89,22 +86,22 @@ class MjxEpisode(Generic[State]):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class FollowsPolicy(Generic[State]):
+class FollowsPolicy:
     """A closed loop with the parameters of its policy."""
 
-    loop: ClosedLoop[State]
+    loop: ClosedLoop
     parameters: PyTree
 
-    def plan(self, episode: Episode[State], sensed: Sensed) -> Episode[State]:
+    def plan(self, episode: Episode, sensed: Sensed) -> Episode:
         """`ClosedLoop.plan`."""
         return self.loop.plan(self.parameters, None, episode, sensed)
 
-    def act(self, episode: Episode[State], sensed: Sensed) -> Episode[State]:
+    def act(self, episode: Episode, sensed: Sensed) -> Episode:
         """`ClosedLoop.act`."""
         return self.loop.act(episode, sensed)
 
 
-def mjx_loop(loop: ClosedLoop[State], model: MjxModel, devices: int = 1) -> MjxLoop[State]:
+def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
     """Compile a closed loop with its physics; keep it, a second one would compile again.
 
     Args:
@@ -127,16 +124,16 @@ def mjx_loop(loop: ClosedLoop[State], model: MjxModel, devices: int = 1) -> MjxL
     return MjxLoop(jax.jit(first), jax.jit(begin, donate_argnums=3), jax.jit(advance, donate_argnums=1), devices)
 
 
-class MjxSlots(Generic[State]):
+class MjxSlots:
     """Slots in MJX. One advance is a segment of plans on the device."""
 
     plans_per_advance = SEGMENT
 
-    def __init__(self, loop: MjxLoop[State], count: int, parameters: PyTree) -> None:
+    def __init__(self, loop: MjxLoop, count: int, parameters: PyTree) -> None:
         """Args: loop: from `mjx_loop`; count: of the slots, at least; parameters: of the policy."""
         self._loop, self._parameters = loop, parameters
         self._count = -(-count // loop.devices) * loop.devices
-        self._states: MjxState[State] | None = None
+        self._states: MjxState | None = None
 
     @property
     def count(self) -> int:

@@ -2,14 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Generic, Protocol
+from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from agile_jax.control.interface import State
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.mujoco_physics import MujocoPhysics
@@ -21,33 +20,32 @@ from agile_jax.simulation.streaming import Rollout
 from agile_jax.simulation.traces import Sample, sample_of
 
 
-class HostPlan(Protocol[State]):
+@runtime_checkable
+class HostPlan(Protocol):
     """`ClosedLoop.plan` of n robots."""
 
-    def __call__(
-        self, parameters: PyTree, path: TimedPath | None, episode: Episode[State], sensed: Sensed, /
-    ) -> Episode[State]:
+    def __call__(self, parameters: PyTree, path: TimedPath | None, episode: Episode, sensed: Sensed, /) -> Episode:
         """Arguments and result of `ClosedLoop.plan`; all but the parameters have a leading axis n."""
         ...
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class BatchLoop(Generic[State]):
+class BatchLoop:
     """The functions of a closed loop for n robots, compiled once. `begin`, `plan` and `act` consume the episodes."""
 
-    first: Callable[[Sensed, Float[Array, " n"]], Episode[State]]  # (sensed, time limits [s])
+    first: Callable[[Sensed, Float[Array, " n"]], Episode]  # (sensed, time limits [s])
     # (where new episodes begin, sensed, time limits [s], episodes)
-    begin: Callable[[Bool[np.ndarray, " n"], Sensed, Float[Array, " n"], Episode[State]], Episode[State]]
-    plan: HostPlan[State]
-    act: Callable[[Episode[State], Sensed], Episode[State]]
+    begin: Callable[[Bool[np.ndarray, " n"], Sensed, Float[Array, " n"], Episode], Episode]
+    plan: HostPlan
+    act: Callable[[Episode, Sensed], Episode]
     acts_per_plan: int
 
 
-def batch_loop(loop: ClosedLoop[State]) -> BatchLoop[State]:
+def batch_loop(loop: ClosedLoop) -> BatchLoop:
     """Compile a closed loop for batches; keep it, a second one would compile again."""
     first = jax.vmap(loop.init)
 
-    def begin(mask: jax.Array, sensed: Sensed, limits: jax.Array, episodes: Episode[State]) -> Episode[State]:
+    def begin(mask: jax.Array, sensed: Sensed, limits: jax.Array, episodes: Episode) -> Episode:
         return resume_from(mask, first(sensed, limits), episodes)
 
     return BatchLoop(
@@ -59,14 +57,14 @@ def batch_loop(loop: ClosedLoop[State]) -> BatchLoop[State]:
     )
 
 
-class MujocoSlots(Generic[State]):
+class MujocoSlots:
     """Slots in C MuJoCo. One advance is one plan and the control steps until the next."""
 
     plans_per_advance = 1
 
     def __init__(
         self,
-        loop: BatchLoop[State],
+        loop: BatchLoop,
         physics: MujocoPhysics,
         parameters: PyTree,
         planner: PathPlanner | None = None,
@@ -81,7 +79,7 @@ class MujocoSlots(Generic[State]):
         """
         self.loop, self.physics, self.parameters, self._planner = loop, physics, parameters, planner
         self._paths: TimedPath | None = None
-        self._episodes: Episode[State] | None = None
+        self._episodes: Episode | None = None
         self._active = np.zeros(physics.batch, bool)
         self._plans = np.zeros(physics.batch, int)
 
@@ -126,15 +124,15 @@ class MujocoSlots(Generic[State]):
         self._active &= status == RUNNING
         return status
 
-    def plan(self, episode: Episode[State], sensed: Sensed) -> Episode[State]:
+    def plan(self, episode: Episode, sensed: Sensed) -> Episode:
         """Plan in all slots."""
         return self.loop.plan(self.parameters, self._paths, episode, sensed)
 
-    def act(self, episode: Episode[State], sensed: Sensed) -> Episode[State]:
+    def act(self, episode: Episode, sensed: Sensed) -> Episode:
         """Act in all slots."""
         return self.loop.act(episode, sensed)
 
-    def _step(self, world: None, episode: Episode[State]) -> tuple[None, Sensed]:
+    def _step(self, world: None, episode: Episode) -> tuple[None, Sensed]:
         return world, self.physics.step(np.asarray(episode.torque, np.float64), self._active)
 
     def read(self, slots: Int[np.ndarray, " k"]) -> Rollout:

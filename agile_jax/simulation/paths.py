@@ -3,7 +3,7 @@
 A path guides by a velocity that depends on time: the path's own, plus a pull back to where the robot should be by then.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,6 +25,7 @@ class TimedPath(NamedTuple):
     begun: Float[AnyArray, ""]  # when the path began, on the clock of the episode [s]
 
 
+@runtime_checkable
 class PathPlanner(Protocol):
     """Plans on the host for each of n slots."""
 

@@ -5,7 +5,7 @@ robot (`compiled`). What plans and acts, and what steps, are arguments.
 """
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar
+from typing import Protocol, TypeVar, runtime_checkable
 
 import jax
 
@@ -17,6 +17,7 @@ Carry = TypeVar("Carry")
 Repeat = Callable[[Callable[[Carry], Carry], Carry, int], Carry]
 
 
+@runtime_checkable
 class PlanAndAct(Protocol[E]):
     """What reacts to the sensed state."""
 

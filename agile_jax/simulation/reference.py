@@ -5,7 +5,7 @@ state and limited in its lead over it: it can pull the robot (the position error
 away from it.
 """
 
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ from agile_jax.policy.velocity_tracker import track
 from agile_jax.simulation.paths import TimedPath
 
 
+@runtime_checkable
 class Guidance(Protocol):
     """What a reference follows."""
 
@@ -41,6 +42,7 @@ class Guidance(Protocol):
         ...
 
 
+@runtime_checkable
 class PolicyCommand(Protocol):
     """`Policy.command`."""
 

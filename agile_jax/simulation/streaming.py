@@ -6,7 +6,7 @@ episode gets.
 """
 
 from collections.abc import Callable, Iterator
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import numpy as np
@@ -24,6 +24,7 @@ class Rollout(NamedTuple):
     plans: Int[np.ndarray, " n"]  # made in each episode
 
 
+@runtime_checkable
 class Slots(Protocol):
     """A batch of running episodes in some physics."""
 

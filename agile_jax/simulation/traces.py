@@ -1,14 +1,13 @@
 """Recording chosen episodes at the rate of the MPC, for figures and videos."""
 
 from collections import defaultdict, deque
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from agile_jax.arrays import AnyArray
-from agile_jax.control.interface import State
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.scene import Scene, clearance
 from agile_jax.simulation.closed_loop import Episode
@@ -41,7 +40,7 @@ class Sample(NamedTuple):
     saturated: Bool[AnyArray, "12"]
 
 
-def sample_of(episode: Episode[State], sensed: Sensed) -> Sample:
+def sample_of(episode: Episode, sensed: Sensed) -> Sample:
     """What is recorded of a robot, or of a batch."""
     reference, diagnostics = episode.reference, episode.diagnostics
     return Sample(
@@ -55,6 +54,7 @@ def sample_of(episode: Episode[State], sensed: Sensed) -> Sample:
     )
 
 
+@runtime_checkable
 class Sampled(Protocol):
     """Slots that can be looked into."""
 
@@ -79,6 +79,7 @@ class Recorder:
         return [_trace(self._samples[episode], scene, plan_dt) for episode in sorted(self._samples)]
 
 
+@runtime_checkable
 class Snapshots(Protocol):
     """Slots that can be looked into all at once."""
 

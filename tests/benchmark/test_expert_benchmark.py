@@ -12,7 +12,7 @@ import pytest
 from agile_jax.benchmark.expert import TABLE, benchmark_expert, report
 from agile_jax.benchmark.metrics import Metric, as_json, table
 from agile_jax.benchmark.peers.opti_peer import make_opti_peer
-from agile_jax.benchmark.peers.peer_path import Path, dense_poses, integrate, measure
+from agile_jax.benchmark.peers.peer_path import PeerPath, dense_poses, integrate, measure
 from agile_jax.benchmark.peers.rockit_peer import make_rockit_peer, rockit_is_installed
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
@@ -75,7 +75,7 @@ def test_measures_agree_with_the_verifier_and_see_what_is_wrong(table_scene):
     start = np.array([0.3, 0.1, 0.26, 0.2])
     label = make_expert(table_scene, SETTINGS).solve(start)
     times, states, controls = label.trajectory
-    path = Path(times, states, controls, controls)
+    path = PeerPath(times, states, controls, controls)
     check = verify(table_scene, SETTINGS, label.trajectory, start)
     np.testing.assert_allclose(integrate(path), integrate_label(label.trajectory), atol=1e-12)
     np.testing.assert_allclose(dense_poses(path), dense_label(label.trajectory), atol=1e-12)
@@ -96,7 +96,7 @@ def test_linear_accelerations_are_integrated_exactly():
     states[:, axis], states[:, 4 + axis] = times**3, 3 * times**2
     first, last = np.zeros((3, 4)), np.zeros((3, 4))
     first[:, axis], last[:, axis] = 6 * times[:-1], 6 * times[1:]
-    path = Path(times, states, first, last)
+    path = PeerPath(times, states, first, last)
     np.testing.assert_allclose(integrate(path), states, atol=1e-14)
     dense = dense_poses(path, 3)[:, axis]
     fine = np.concatenate([np.linspace(a, b, 5)[:-1] for a, b in itertools.pairwise(times)] + [[1.0]])

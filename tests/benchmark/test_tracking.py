@@ -19,7 +19,7 @@ from agile_jax.benchmark.workloads.disturbance import (
     sense,
 )
 from agile_jax.benchmark.workloads.tracking import UNDISTURBED, TrackingLoop, track_commands, tracking_loop
-from agile_jax.control import ControllerState, ControlSettings, make_mpc_controller
+from agile_jax.control import ControlSettings, make_mpc_controller
 from agile_jax.geometry import quaternion_to_rpy
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
 from agile_jax.scene import SceneSettings, make_scene
@@ -29,7 +29,7 @@ CONTROL, ROBOT = ControlSettings(), RobotSettings()
 
 
 @lru_cache
-def loop() -> TrackingLoop[ControllerState]:
+def loop() -> TrackingLoop:
     robot = load_robot(ROBOT)
     return tracking_loop(robot, CONTROL, UNDISTURBED, make_mpc_controller(robot, CONTROL))
 

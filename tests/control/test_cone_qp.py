@@ -49,7 +49,7 @@ def solve_exactly(qp: Qp, pyramid: bool) -> list[np.ndarray]:
     found = []
     for i in range(len(qp.linear)):
         problem = dense_qp(CONSTANTS, qp, i)
-        x = peer.solve(peer.prepare(problem))
+        x = peer.prepare(problem)()
         found.append(np.full(12 * NODES, np.nan) if x is None else all_forces(problem, x))
     return found
 

@@ -5,9 +5,14 @@
 x holds the forces of the feet that stand; A the limits of torques, then of joint positions, without empty rows.
 """
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+import jax
 import numpy as np
+from jaxtyping import Bool, Float
+
+from agile_jax.arrays import AnyArray
+from agile_jax.control.mpc.problem import MpcConstants, Qp
 
 Array = np.ndarray
 
@@ -15,15 +20,15 @@ Array = np.ndarray
 class DenseQp(NamedTuple):
     """One condensed problem with n forces' components."""
 
-    P: Array  # (n, n)
-    q: Array  # (n,)
-    A: Array  # (m, n) torques, then joint positions
-    lower: Array  # (m,)
-    upper: Array  # (m,)
+    P: Float[Array, "n n"]
+    q: Float[Array, " n"]
+    A: Float[Array, "m n"]  # torques, then joint positions
+    lower: Float[Array, " m"]
+    upper: Float[Array, " m"]
     friction: float
     force_max: float  # [N]
-    columns: Array  # (12N,) bool: which of all forces' components are in x
-    qp: Any  # the same as a `control.mpc.Qp`
+    columns: Bool[Array, " all"]  # which of all 12N components of the forces are in x
+    qp: Qp  # the same problem, its arrays NumPy's
 
 
 class Violations(NamedTuple):
@@ -34,10 +39,10 @@ class Violations(NamedTuple):
     joint: float  # [rad]
 
 
-def dense_qp(constants: Any, qp: Any, index: int) -> DenseQp:
-    """Problem `index` of a batch of `control.mpc.Qp`, with the `control.mpc.MpcConstants`."""
+def dense_qp(constants: MpcConstants, qp: Qp, index: int) -> DenseQp:
+    """Problem `index` of a batch."""
 
-    def of(values: Any) -> Array:
+    def of(values: AnyArray) -> Array:
         return np.asarray(values[index], float)
 
     force_map, joint_map, torque_map = of(qp.force_map), of(qp.joint.map), of(qp.torque.map)
@@ -57,15 +62,8 @@ def dense_qp(constants: Any, qp: Any, index: int) -> DenseQp:
         friction=float(qp.friction[index]),
         force_max=float(qp.force_max[index]),
         columns=columns,
-        qp=jax_free(qp, index),
+        qp=jax.tree.map(lambda values: np.asarray(values[index]), qp),
     )
-
-
-def jax_free(qp: Any, index: int) -> Any:
-    """Problem `index` of a batch, as NumPy arrays."""
-    if isinstance(qp, tuple):
-        return type(qp)(*(jax_free(part, index) for part in qp))
-    return np.asarray(qp[index])
 
 
 def pyramid_block(friction: float) -> Array:
@@ -86,7 +84,7 @@ def force_bounds(problem: DenseQp) -> tuple[Array, Array]:
 
 
 def violations(problem: DenseQp, x: Array, pyramid: bool) -> Violations:
-    """Of a solution x (n,)."""
+    """By how much a solution x (n,) breaks its constraints."""
     force = x.reshape(-1, 3)
     planar = np.abs(force[:, :2]).max(-1) if pyramid else np.hypot(force[:, 0], force[:, 1])
     normal = np.maximum(-force[:, 2], force[:, 2] - problem.force_max)
@@ -98,7 +96,7 @@ def violations(problem: DenseQp, x: Array, pyramid: bool) -> Violations:
 
 
 def all_forces(problem: DenseQp, x: Array) -> Array:
-    """X with zeros for the feet in the air. Shape (12N,)."""
+    """A solution x (n,) with zeros for the feet in the air. Shape (12N,)."""
     forces = np.zeros(len(problem.columns))
     forces[problem.columns] = x
     return forces

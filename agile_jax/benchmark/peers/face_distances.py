@@ -11,8 +11,6 @@ and at an edge up to sqrt(2) times as much. A user would take the maximum itself
 which exceeds the maximum by up to w log 2 at an edge: it rounds the edge off, as the exact clearance does.
 """
 
-from typing import Any
-
 import casadi as ca
 
 from agile_jax.scene import Scene
@@ -20,7 +18,7 @@ from agile_jax.scene import Scene
 YAW_SMOOTHING = 1e-6  # rounds the kinks of |sin| and |cos|; adds at most 0.3 mm to the torso
 
 
-def face_distances(scene: Scene, pose: Any, width: float) -> list[Any]:
+def face_distances(scene: Scene, pose: ca.MX, width: float) -> list[ca.MX]:
     """A CasADi expression for each obstacle, of the pose, shape (4,) [m].
 
     Args:
@@ -47,7 +45,7 @@ def face_distances(scene: Scene, pose: Any, width: float) -> list[Any]:
     return found
 
 
-def _maximum(values: Any, width: float) -> Any:
+def _maximum(values: ca.MX, width: float) -> ca.MX:
     largest = ca.mmax(values)
     if width == 0:
         return largest

@@ -1,16 +1,14 @@
 """HPIPM on the MPC's problem in its sparse form, through CasADi.
 
 States x_k = (positions, velocities) that the forces add to free fall, x_0 = 0, x_{k+1} = A x_k + E B_k f_k (the exact
-double integrators of `control.centroidal`); cost 1/2 x'Wx + h_k' B_k f_k + w/2 |f_k|^2. The condensed problem is this
-one with the states substituted.
+double integrators of `control.mpc.centroidal`); cost 1/2 x'Wx + h_k' B_k f_k + w/2 |f_k|^2. The condensed problem is
+this one with the states substituted.
 """
-
-from typing import Any
 
 import numpy as np
 
 from agile_jax.benchmark.peers.dense_qp import DenseQp, pyramid_block
-from agile_jax.benchmark.peers.qp_peer import Peer
+from agile_jax.benchmark.peers.qp_peer import Peer, Solve
 from agile_jax.control.settings import MpcSettings
 
 STATE = 12
@@ -22,16 +20,16 @@ def make_hpipm(settings: MpcSettings) -> Peer:
 
     if not ca.has_conic("hpipm"):
         raise ImportError("CasADi was built without HPIPM")
-    solvers: dict[tuple[int, ...], Any] = {}
+    solvers: dict[tuple[int, ...], ca.Function] = {}
 
-    def prepare(problem: DenseQp) -> tuple[Any, dict[str, Any], np.ndarray]:
+    def prepare(problem: DenseQp) -> Solve:
         sizes, forces, rows, cost, bounds = stages(settings, problem)
         nodes = len(sizes)
         matrices = {"h": ca.sparsify(ca.DM(np.diag(cost[0]))), "a": ca.sparsify(ca.DM(rows[0]))}
         if sizes not in solvers:  # one for each pattern of contacts
             structure = {key: matrix.sparsity() for key, matrix in matrices.items()}
             joints = (0, *sizes)
-            options: Any = {
+            options: dict[str, bool | int | list[int] | dict[str, float]] = {
                 "N": nodes,
                 "nx": [STATE] * (nodes + 1),
                 "nu": [*sizes, 0],
@@ -42,14 +40,15 @@ def make_hpipm(settings: MpcSettings) -> Peer:
             }
             solvers[sizes] = ca.conic("qp", "hpipm", structure, options)
         vectors = {"g": cost[1], "lba": rows[1], "uba": rows[2], "lbx": bounds[0], "ubx": bounds[1]}
-        return solvers[sizes], matrices | {key: ca.DM(vector) for key, vector in vectors.items()}, forces
+        solver, arguments = solvers[sizes], matrices | {key: ca.DM(vector) for key, vector in vectors.items()}
 
-    def solve(data: tuple[Any, dict[str, Any], np.ndarray]) -> np.ndarray | None:
-        solver, arguments, forces = data
-        x = solver(**arguments)["x"]
-        return np.asarray(x).reshape(-1)[forces] if solver.stats()["success"] else None
+        def solve() -> np.ndarray | None:
+            x = solver(**arguments)["x"]
+            return np.asarray(x).reshape(-1)[forces] if solver.stats()["success"] else None
 
-    return Peer("HPIPM through CasADi, sparse, residuals 1e-6", True, prepare, solve)
+        return solve
+
+    return Peer("HPIPM through CasADi, sparse, residuals 1e-6", True, prepare)
 
 
 def stages(

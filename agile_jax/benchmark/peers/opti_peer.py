@@ -9,18 +9,17 @@ once, with the start as a parameter, `expand` turns it into scalar expressions, 
 """
 
 from collections.abc import Callable
-from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from agile_jax.benchmark.peers.face_distances import face_distances
-from agile_jax.benchmark.peers.peer_path import Path, PeerSolution
+from agile_jax.benchmark.peers.peer_path import PeerPath, PeerSolution
 from agile_jax.expert import ExpertSettings
 from agile_jax.scene import POSE_SIZE, Scene
 
-OPTIONS: dict[str, Any] = {"expand": True, "print_time": False}
-IPOPT: dict[str, Any] = {
+OPTIONS: dict[str, bool] = {"expand": True, "print_time": False}
+IPOPT: dict[str, int | str] = {
     "print_level": 0,
     "sb": "yes",
     "linear_solver": "mumps",
@@ -67,11 +66,11 @@ def make_opti_peer(scene: Scene, settings: ExpertSettings, width: float) -> Call
         opti.set_initial(rate, np.tile((scene.target - at) / guess, (count + 1, 1)).T)
         opti.set_initial(control, 0)
         try:
-            found: Any = opti.solve()
+            found: ca.OptiSol | ca.OptiAdvanced = opti.solve()
         except RuntimeError:  # Opti's way to say that the solver has failed
             found = opti.debug
         controls = np.array(found.value(control)).T
-        path = Path(
+        path = PeerPath(
             times=float(found.value(duration)) * np.linspace(0, 1, count + 1),
             states=np.concatenate([np.array(found.value(pose)), np.array(found.value(rate))]).T,
             first_controls=controls[:-1],

@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 import numpy as np
+from jaxtyping import Float
 
 from agile_jax.expert import ExpertSettings
 from agile_jax.scene import POSE_SIZE, Scene, clearance
@@ -10,19 +11,19 @@ from agile_jax.scene import POSE_SIZE, Scene, clearance
 DENSE = 12  # points inside every interval at which clearance is measured, as for our own labels
 
 
-class Path(NamedTuple):
+class PeerPath(NamedTuple):
     """States on a grid, and accelerations that are linear over each of the T intervals."""
 
-    times: np.ndarray  # (T+1,) [s], from 0
-    states: np.ndarray  # (T+1, 8) = [x y z yaw, rates] [m, rad, m/s, rad/s]
-    first_controls: np.ndarray  # (T, 4) at the interval's begin [m/s^2, rad/s^2]
-    last_controls: np.ndarray  # (T, 4) at its end; equal where the acceleration is constant over the interval
+    times: Float[np.ndarray, " nodes"]  # T+1 of them, from 0 [s]
+    states: Float[np.ndarray, "nodes 8"]  # [x y z yaw, rates] [m, rad, m/s, rad/s]
+    first_controls: Float[np.ndarray, "T 4"]  # at the interval's begin [m/s^2, rad/s^2]
+    last_controls: Float[np.ndarray, "T 4"]  # at its end; equal where the acceleration is constant over the interval
 
 
 class PeerSolution(NamedTuple):
     """What a peer's solver says it has found."""
 
-    path: Path
+    path: PeerPath
     success: bool
     status: str
 
@@ -35,7 +36,7 @@ class Defects(NamedTuple):
     clearance: float  # largest shortfall of the torso's exact clearance below the margin, at and between nodes [m]
 
 
-def measure(scene: Scene, settings: ExpertSettings, path: Path) -> Defects:
+def measure(scene: Scene, settings: ExpertSettings, path: PeerPath) -> Defects:
     """How far a path is from solving the problem."""
     poses, rates = path.states[:, :POSE_SIZE], path.states[:, POSE_SIZE:]
     excess = [
@@ -53,7 +54,7 @@ def measure(scene: Scene, settings: ExpertSettings, path: Path) -> Defects:
     )
 
 
-def integrate(path: Path) -> np.ndarray:
+def integrate(path: PeerPath) -> np.ndarray:
     """States from integrating the accelerations exactly from the first state, shape (T+1, 8)."""
     h = np.diff(path.times)[:, None]
     first, last = path.first_controls, path.last_controls
@@ -62,7 +63,7 @@ def integrate(path: Path) -> np.ndarray:
     return np.concatenate([poses, rates], axis=1)
 
 
-def dense_poses(path: Path, points: int = DENSE) -> np.ndarray:
+def dense_poses(path: PeerPath, points: int = DENSE) -> np.ndarray:
     """Poses at every node and `points` times inside each interval, each from its node's state; shape (..., 4)."""
     h = np.diff(path.times)[:, None, None]
     t = h * (np.arange(points + 1) / (points + 1))[None, :, None]

@@ -1,11 +1,14 @@
 """What the benchmark of the MPC asks of a solver."""
 
 from collections.abc import Callable
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
+from jaxtyping import Float
+from numpy import ndarray
 
 from agile_jax.benchmark.peers.dense_qp import DenseQp
+
+Solve = Callable[[], Float[ndarray, " n"] | None]  # the forces [N], or None if the solver says that it failed
 
 
 class Peer(NamedTuple):
@@ -13,5 +16,4 @@ class Peer(NamedTuple):
 
     about: str
     pyramid: bool  # whether it solves the pyramid instead of the cone
-    prepare: Callable[[DenseQp], Any]  # not timed
-    solve: Callable[[Any], np.ndarray | None]  # (n,), or None if it says that it failed
+    prepare: Callable[[DenseQp], Solve]  # not timed: condensed matrices to what is timed, set-up and solution

@@ -13,7 +13,7 @@ import numpy as np
 
 from agile_jax.benchmark.peers.face_distances import face_distances
 from agile_jax.benchmark.peers.opti_peer import SHORTEST, straight_line
-from agile_jax.benchmark.peers.peer_path import Path, PeerSolution
+from agile_jax.benchmark.peers.peer_path import PeerPath, PeerSolution
 from agile_jax.expert import ExpertSettings
 from agile_jax.scene import POSE_SIZE, Scene
 
@@ -71,7 +71,7 @@ def make_rockit_peer(scene: Scene, settings: ExpertSettings, width: float) -> Ca
         found = function(at, guess, line.T, speed.T, np.zeros((POSE_SIZE, settings.nodes)))
         times, poses, rates, controls = (np.array(value).T for value in found)
         stats = function.stats()
-        path = Path(times.ravel(), np.concatenate([poses, rates], axis=1), controls, controls)
+        path = PeerPath(times.ravel(), np.concatenate([poses, rates], axis=1), controls, controls)
         return PeerSolution(path, bool(stats["success"]), str(stats["return_status"]))
 
     return solve

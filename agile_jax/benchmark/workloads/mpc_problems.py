@@ -140,7 +140,7 @@ def record_problems(
     calm, hard = [], []
     with MujocoPhysics(model, robots, 1) as physics:
 
-        def step(world: None, states: Tracked[RecordedState]) -> tuple[None, Sensed]:
+        def step(world: None, states: Tracked) -> tuple[None, Sensed]:
             return world, physics.step(np.asarray(states.queue[:, 0], np.float64))
 
         sensed = physics.reset(qpos)

@@ -7,12 +7,12 @@ there; a fall counts at any time.
 
 import dataclasses
 from collections.abc import Callable
-from typing import Generic, NamedTuple
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int
+from jaxtyping import Array, Float, Int, PyTree
 
 from agile_jax.benchmark.workloads.commands import Command, obey
 from agile_jax.benchmark.workloads.disturbance import (
@@ -27,7 +27,6 @@ from agile_jax.benchmark.workloads.disturbance import (
 )
 from agile_jax.benchmark.workloads.tally import Tally, columns, empty_tally, update_tally
 from agile_jax.control import Controller, ControlSettings, Diagnostics, as_float32
-from agile_jax.control.interface import State
 from agile_jax.progress import Progress, silent
 from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, robot_state, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
@@ -41,12 +40,12 @@ UNDISTURBED = Disturbance()
 ACCELERATION = (1.5, 1.5, 1.0, 3.0)  # of the reference [m/s^2, rad/s^2]; the expert's default
 
 
-class Tracked(NamedTuple, Generic[State]):
+class Tracked(NamedTuple):
     """State of one robot under a command."""
 
     command: Command
     draws: Draws
-    controller: State
+    controller: PyTree  # its state
     reference: ReferenceState
     diagnostics: Diagnostics  # of the controller; once the robot has fallen, its counts stay
     tally: Tally
@@ -57,20 +56,20 @@ class Tracked(NamedTuple, Generic[State]):
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class Tracking(Generic[State]):
+class Tracking:
     """The closed loop of one robot that follows a command, disturbances included."""
 
     robot: RobotModel
     settings: ControlSettings
     disturbance: Disturbance
-    controller: Controller[State]
+    controller: Controller[PyTree]
 
     @property
     def noisy(self) -> bool:
         """Whether what is sensed is not the truth."""
         return self.disturbance.noise != SensorNoise()
 
-    def init(self, sensed: Sensed, command: Command, draws: Draws) -> Tracked[State]:
+    def init(self, sensed: Sensed, command: Command, draws: Draws) -> Tracked:
         """Begin: a robot at rest, its command, and what its disturbances drew."""
         state = self.controller.init(robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact))
         return Tracked(
@@ -86,7 +85,7 @@ class Tracking(Generic[State]):
             jnp.zeros((round(self.disturbance.delay / self.settings.control_dt) + 1, 12)),
         )
 
-    def plan(self, now: Tracked[State], sensed: Sensed) -> Tracked[State]:
+    def plan(self, now: Tracked, sensed: Sensed) -> Tracked:
         """Advance the reference, and plan."""
         sensed = self._seen(now, sensed)
         limit = jnp.array(ACCELERATION)
@@ -97,7 +96,7 @@ class Tracking(Generic[State]):
         state = self.controller.plan(now.controller, measured, reference)
         return now._replace(controller=state, reference=reference_state, diagnostics=self._diagnostics(now, state))
 
-    def act(self, now: Tracked[State], sensed: Sensed) -> Tracked[State]:
+    def act(self, now: Tracked, sensed: Sensed) -> Tracked:
         """Count the last step, and put the torques of the next into the queue."""
         tally = update_tally(
             now.tally, now.time, sensed, now.command, now.queue[0], now.diagnostics.cone_violation, self.robot
@@ -118,27 +117,27 @@ class Tracking(Generic[State]):
             queue=jnp.concatenate([now.queue[1:], torque[None]]),
         )
 
-    def _seen(self, now: Tracked[State], sensed: Sensed) -> Sensed:
+    def _seen(self, now: Tracked, sensed: Sensed) -> Sensed:
         return sense(sensed, self.disturbance.noise, now.drift, _key(now, 0)) if self.noisy else sensed
 
-    def _diagnostics(self, now: Tracked[State], state: State) -> Diagnostics:
+    def _diagnostics(self, now: Tracked, state: PyTree) -> Diagnostics:
         upright = jnp.isinf(now.tally.fall_time)
         return counted_while(upright, self.controller.diagnostics(state), now.diagnostics)
 
 
-def _key(now: Tracked[State], use: int) -> jax.Array:
+def _key(now: Tracked, use: int) -> jax.Array:
     """Of the random numbers of one step, for one of four uses."""
     return jax.random.fold_in(now.draws.key, 4 * now.step + use)
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
-class TrackingLoop(Generic[State]):
+class TrackingLoop:
     """The functions of a `Tracking` for n robots, compiled once. `plan` and `act` consume the states."""
 
-    one: Tracking[State]
-    init: Callable[[Sensed, Command, Draws], Tracked[State]]
-    plan: Callable[[Tracked[State], Sensed], Tracked[State]]
-    act: Callable[[Tracked[State], Sensed], Tracked[State]]
+    one: Tracking
+    init: Callable[[Sensed, Command, Draws], Tracked]
+    plan: Callable[[Tracked, Sensed], Tracked]
+    act: Callable[[Tracked, Sensed], Tracked]
 
     @property
     def acts_per_plan(self) -> int:
@@ -150,8 +149,8 @@ def tracking_loop(
     robot: RobotModel,
     settings: ControlSettings,
     disturbance: Disturbance,
-    controller: Controller[State],
-) -> TrackingLoop[State]:
+    controller: Controller[PyTree],
+) -> TrackingLoop:
     """Compile the closed loop; keep it, a second one would compile again.
 
     Args:
@@ -170,7 +169,7 @@ def tracking_loop(
 
 
 def track_commands(
-    loop: TrackingLoop[State],
+    loop: TrackingLoop,
     commands: Command,
     duration: float,
     robot_settings: RobotSettings,
@@ -179,7 +178,7 @@ def track_commands(
     seed: int = 0,
     threads: int = 2,
     progress: Progress = silent,
-    watch: Callable[[Sensed, Tracked[State]], None] | None = None,
+    watch: Callable[[Sensed, Tracked], None] | None = None,
 ) -> dict[str, np.ndarray]:
     """Run one episode for each command, all at once.
 
@@ -206,7 +205,7 @@ def track_commands(
     active = np.ones(count, bool)
     with MujocoPhysics(model, count, threads, disturbed_models(model, disturbance, draws)) as physics:
 
-        def step(world: tuple[int, Sensed], states: Tracked[State]) -> tuple[tuple[int, Sensed], Sensed]:
+        def step(world: tuple[int, Sensed], states: Tracked) -> tuple[tuple[int, Sensed], Sensed]:
             steps, before = world
             push = push_force(disturbance, draws, steps * settings.control_dt, before.qpos)
             sensed = physics.step(np.asarray(states.queue[:, 0], np.float64), active, push)

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from agile_jax.robot import GRAVITY
 
@@ -23,15 +24,15 @@ AXES = 6
 class BodyState(NamedTuple):
     """State of the single rigid body in the yaw frame."""
 
-    position: jax.Array  # (6,) xi: roll, pitch, yaw [rad], centre of mass x, y, z [m]
-    velocity: jax.Array  # (6,) xi'
+    position: Float[Array, "6"]  # xi: roll, pitch, yaw [rad], centre of mass x, y, z [m]
+    velocity: Float[Array, "6"]  # xi'
 
 
 class Response(NamedTuple):
     """Linear maps from the accelerations (N,) of one axis to its states after each step (N,)."""
 
-    position: np.ndarray  # (N, N) lower triangular [s^2]
-    velocity: np.ndarray  # (N, N) [s]
+    position: Float[np.ndarray, "N N"]  # lower triangular [s^2]
+    velocity: Float[np.ndarray, "N N"]  # [s]
 
 
 def double_integrator_response(nodes: int, dt: float) -> Response:

@@ -28,6 +28,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from agile_jax.control.body import Body, Reference, rotation_z
 from agile_jax.control.mpc.centroidal import AXES, cross_matrix
@@ -40,28 +41,28 @@ DAMPING = 2e-3  # of the inverse Jacobian near a stretched leg [m/rad]
 class TorqueRows(NamedTuple):
     """lower <= map @ f <= upper for each node and foot. N nodes."""
 
-    map: jax.Array  # (N, 4, 3, 3) on forces in the yaw frame [m]
-    lower: jax.Array  # (N, 4, 3) [Nm], never above 0
-    upper: jax.Array  # (N, 4, 3) [Nm], never below 0
+    map: Float[Array, "N 4 3 3"]  # on forces in the yaw frame [m]
+    lower: Float[Array, "N 4 3"]  # [Nm], never above 0
+    upper: Float[Array, "N 4 3"]  # [Nm], never below 0
 
 
 class JointRows(NamedTuple):
     """lower <= map @ xi_k <= upper for the states after each step; infinite bounds where a foot is in the air."""
 
-    map: jax.Array  # (N, 12, 6) on positions of the body
-    lower: jax.Array  # (N, 12) [rad]
-    upper: jax.Array  # (N, 12) [rad]
+    map: Float[Array, "N 12 6"]  # on positions of the body
+    lower: Float[Array, "N 12"]  # [rad]
+    upper: Float[Array, "N 12"]  # [rad]
 
 
 class Nominal(NamedTuple):
     """The nominal motion at N moments."""
 
-    R_base_yaw: jax.Array  # (N, 3, 3)
-    position: jax.Array  # (N, 6) xi of `centroidal`
-    levers: jax.Array  # (N, 4, 3) feet relative to the centre of mass in the yaw frame [m]
-    joint_pos: jax.Array  # (N, 12) with the feet on their places, to first order beyond limits and reach [rad]
-    jacobian: jax.Array  # (N, 4, 3, 3) [m/rad]
-    jacobian_inverse: jax.Array  # (N, 4, 3, 3) [rad/m]
+    R_base_yaw: Float[Array, "N 3 3"]
+    position: Float[Array, "N 6"]  # xi of `centroidal`
+    levers: Float[Array, "N 4 3"]  # feet relative to the centre of mass in the yaw frame [m]
+    joint_pos: Float[Array, "N 12"]  # with the feet on their places, to first order beyond limits and reach [rad]
+    jacobian: Float[Array, "N 4 3 3"]  # [m/rad]
+    jacobian_inverse: Float[Array, "N 4 3 3"]  # [rad/m]
 
 
 def nominal_motion(robot: RobotModel, body: Body, moved: jax.Array, support: jax.Array) -> Nominal:

@@ -7,9 +7,12 @@
 
     H = G_p' Q G_p + G_v' P G_v,    h = G_p' Q (free_p - ref) + G_v' P (free_v - ref')
 
-Hard constraints, for every foot that stands in step k (the others have f = 0): the friction cone |f_xy| <= mu f_z and
-0 <= f_z <= f_max (equations 22 and 23 there, which take the pyramid inside the cone), and the torques and positions of
-the joints (`leg_limits`).
+Hard constraints, for every foot that stands in step k (the others have f = 0):
+
+- the friction cone |f_xy| <= mu f_z, and 0 <= f_z <= f_max (equations 22 and 23 there, which take the pyramid inside
+  the cone). mu is `MpcSettings.friction`, the field `friction` of `Qp`; `solver/projection.py` projects forces onto the
+  cone, or the pyramid, in every iteration of the solver; nothing else imposes it.
+- the torques and positions of the joints (`leg_limits.py`).
 """
 
 from typing import NamedTuple
@@ -17,6 +20,7 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from jaxtyping import Array, Float
 
 from agile_jax.control.body import Body, Reference, body_in_yaw_frame, inertia_in_yaw_frame, reference_in_yaw_frame
 from agile_jax.control.mpc.centroidal import AXES, BodyState, double_integrator_response, force_map, free_response
@@ -28,11 +32,11 @@ from agile_jax.robot import RobotModel, RobotState
 class MpcConstants(NamedTuple):
     """What depends on settings only. N nodes; axes roll, pitch, yaw, x, y, z; wrenches ordered by node, then axis."""
 
-    hessian: jax.Array  # (6N, 6N) H
-    hessian_inverse: jax.Array  # (6N, 6N), inverted in float64
-    response: jax.Array  # (N, N) G_p: accelerations of an axis to its positions after each step [s^2]
-    position_gain: jax.Array  # (6, N, N) G_p' Q
-    velocity_gain: jax.Array  # (6, N, N) G_v' P
+    hessian: Float[Array, "W W"]  # H, W = 6N
+    hessian_inverse: Float[Array, "W W"]  # its inverse, made in float64
+    response: Float[Array, "N N"]  # G_p: accelerations of an axis to its positions after each step [s^2]
+    position_gain: Float[Array, "6 N N"]  # G_p' Q
+    velocity_gain: Float[Array, "6 N N"]  # G_v' P
 
 
 class Qp(NamedTuple):
@@ -41,12 +45,12 @@ class Qp(NamedTuple):
     minimise    1/2 y' H y + h' y + w/2 |f|^2,    y_k = B_k f_k,    with H of the `MpcConstants`
     """
 
-    linear: jax.Array  # (N, 6) h
-    force_map: jax.Array  # (N, 6, 12) B_k
-    contact: jax.Array  # (N, 4) 1 where the foot stands, else 0
-    friction: jax.Array  # () mu
-    force_max: jax.Array  # () [N]
-    force_weight: jax.Array  # () w
+    linear: Float[Array, "N 6"]  # h
+    force_map: Float[Array, "N 6 12"]  # B_k
+    contact: Float[Array, "N 4"]  # 1 where the foot stands, else 0
+    friction: Float[Array, ""]  # mu
+    force_max: Float[Array, ""]  # [N]
+    force_weight: Float[Array, ""]  # w
     torque: TorqueRows  # lower <= map f <= upper for each standing foot
     joint: JointRows  # lower <= map_k (G_p y)_k <= upper: free fall is subtracted from the bounds
 

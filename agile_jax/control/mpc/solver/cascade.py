@@ -60,7 +60,7 @@ class Found(NamedTuple):
 
     iterate: Iterate
     multipliers: Multipliers
-    iterations: jax.Array  # (batch,) int32, of the second pass, plus steps of the third
+    iterations: Int[Array, " batch"]  # of the second pass, plus steps of the third
 
 
 Solver = Callable[[Qp, WarmStart], QpSolution]

@@ -19,6 +19,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from agile_jax.control.mpc.problem import MpcConstants
 from agile_jax.control.mpc.solver.projection import ConeProjection
@@ -33,17 +34,17 @@ CHECK_INTERVAL = 5  # iterations between two looks at the residuals
 class Iterate(NamedTuple):
     """Feasible forces of one problem, the multipliers of the cones, and how far from optimal they are."""
 
-    forces: jax.Array  # (N, 4, 3) z
-    multipliers: jax.Array  # (N, 4, 3) rho u
-    primal: jax.Array  # () largest |g - z|
-    dual: jax.Array  # () largest rho |z - z_before| / (w + rho)
+    forces: Float[Array, "N 4 3"]  # z
+    multipliers: Float[Array, "N 4 3"]  # rho u
+    primal: Float[Array, ""]  # largest |g - z|
+    dual: Float[Array, ""]  # largest rho |z - z_before| / (w + rho)
 
 
 class ConeSystem(NamedTuple):
     """What all iterations of a batch share."""
 
-    inverse: jax.Array  # (batch, 6N, 6N) of the system
-    offset: jax.Array  # (N, 6, batch) H^-1 h
+    inverse: Float[Array, "batch W W"]  # of the system
+    offset: Float[Array, "N 6 batch"]  # H^-1 h
 
 
 def factorise(constants: MpcConstants, qp: ScaledQp) -> tuple[jax.Array, jax.Array]:
@@ -75,7 +76,7 @@ def iterate(
 class Accelerated(NamedTuple):
     """Where the fixed-point iteration v -> v + f(v) of v = z + u is, and its last two changes."""
 
-    v: jax.Array  # (N, 4, 3, batch), as all others
+    v: Float[Array, "N 4 3 batch"]  # as all others
     v_before: jax.Array
     f_before: jax.Array
     dv: jax.Array  # change of v before the last one

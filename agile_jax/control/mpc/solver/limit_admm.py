@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
 from agile_jax.control.mpc.problem import MpcConstants
 from agile_jax.control.mpc.solver.cone_admm import Iterate
@@ -42,32 +43,32 @@ CHECK_INTERVAL = 10  # iterations between two looks at the residuals
 class Splitting(NamedTuple):
     """Iterates of a problem, with the names of the module's docstring; what follows from g is kept beside it."""
 
-    g: jax.Array  # (N, 4, 3)
-    wrench: jax.Array  # (N, 6) B g
-    torques: jax.Array  # (N, 4, 3) A g
-    joints: jax.Array  # (N, 12) K B g
-    z: jax.Array  # (N, 4, 3)
-    u: jax.Array  # (N, 4, 3)
-    t: jax.Array  # (N, 4, 3)
-    v: jax.Array  # (N, 4, 3)
-    s: jax.Array  # (N, 12)
-    q: jax.Array  # (N, 12)
+    g: Float[Array, "N 4 3"]
+    wrench: Float[Array, "N 6"]  # B g
+    torques: Float[Array, "N 4 3"]  # A g
+    joints: Float[Array, "N 12"]  # K B g
+    z: Float[Array, "N 4 3"]
+    u: Float[Array, "N 4 3"]
+    t: Float[Array, "N 4 3"]
+    v: Float[Array, "N 4 3"]
+    s: Float[Array, "N 12"]
+    q: Float[Array, "N 12"]
 
 
 class LimitSystem(NamedTuple):
     """What all iterations of a batch share."""
 
-    P: jax.Array  # (batch, 6N, 6N) of `linear_system`
-    foot: jax.Array  # (N, 4, 3, 3, batch) D^-1
+    P: Float[Array, "batch W W"]  # of `linear_system`
+    foot: Float[Array, "N 4 3 3 batch"]  # D^-1
 
 
 class Loop(NamedTuple):
     """Where a batch is."""
 
     state: Splitting
-    primal: jax.Array  # (batch,)
-    dual: jax.Array  # (batch,)
-    done: jax.Array  # (batch,) int32, iterations
+    primal: Float[Array, " batch"]
+    dual: Float[Array, " batch"]
+    done: Int[Array, " batch"]  # iterations
 
 
 def invert(constants: MpcConstants, qp: ScaledQp) -> tuple[jax.Array, jax.Array]:

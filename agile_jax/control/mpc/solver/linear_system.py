@@ -18,6 +18,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from agile_jax.control.mpc.leg_limits import inverse_3x3
 from agile_jax.control.mpc.problem import MpcConstants
@@ -27,17 +28,17 @@ from agile_jax.control.mpc.solver.scaled_qp import ScaledQp, foot_matvec
 class Multipliers(NamedTuple):
     """Multipliers (dual variables) of cones and limits, in units of the objective per unit of the limited quantity."""
 
-    cone: jax.Array  # (N, 4, 3)
-    torque: jax.Array  # (N, 4, 3)
-    joint: jax.Array  # (N, 12)
+    cone: Float[Array, "N 4 3"]
+    torque: Float[Array, "N 4 3"]
+    joint: Float[Array, "N 12"]
 
 
 class Factors(NamedTuple):
     """Factors of one system; in a batch, matrices have the batch first and D^-1 has it last."""
 
-    L: jax.Array  # (6N, 6N)
-    R: jax.Array  # (6N, 6N) R R' = 1 + L' S L
-    foot: jax.Array  # (N, 4, 3, 3) D^-1
+    L: Float[Array, "W W"]
+    R: Float[Array, "W W"]  # R R' = 1 + L' S L
+    foot: Float[Array, "N 4 3 3"]  # D^-1
 
 
 BATCHED = Factors(0, 0, -1)  # type: ignore[arg-type]  # axes of a batch

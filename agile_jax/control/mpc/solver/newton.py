@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float, Int
 
 from agile_jax.control.mpc.problem import MpcConstants
 from agile_jax.control.mpc.solver.cone_admm import Iterate
@@ -52,22 +53,22 @@ LINE_SEARCH = (0.03, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of a step at which its sl
 class Point(NamedTuple):
     """Forces and what follows from them, linearly."""
 
-    forces: jax.Array  # (N, 4, 3, batch) g
-    wrench: jax.Array  # (N, 6, batch) B g
-    torques: jax.Array  # (N, 4, 3, batch) A g
-    joints: jax.Array  # (N, 12, batch) K B g
+    forces: Float[Array, "N 4 3 batch"]  # g
+    wrench: Float[Array, "N 6 batch"]  # B g
+    torques: Float[Array, "N 4 3 batch"]  # A g
+    joints: Float[Array, "N 12 batch"]  # K B g
 
 
 class State(NamedTuple):
     """Where a batch is."""
 
-    forces: jax.Array  # (N, 4, 3, batch)
+    forces: Float[Array, "N 4 3 batch"]
     multipliers: Multipliers
-    growth: jax.Array  # (batch,) of the penalties
-    before: jax.Array  # (batch,) primal residual of the last change of multipliers
-    primal: jax.Array  # (batch,)
-    dual: jax.Array  # (batch,)
-    steps: jax.Array  # (batch,) int32
+    growth: Float[Array, " batch"]  # of the penalties
+    before: Float[Array, " batch"]  # primal residual of the last change of multipliers
+    primal: Float[Array, " batch"]
+    dual: Float[Array, " batch"]
+    steps: Int[Array, " batch"]
 
 
 def point_at(constants: MpcConstants, qp: ScaledQp, forces: jax.Array) -> Point:

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+from jaxtyping import Array, Float
 
 from agile_jax.control.mpc.leg_limits import JointRows, TorqueRows
 from agile_jax.control.mpc.problem import MpcConstants, Qp
@@ -24,12 +25,12 @@ LEVER_UNIT = 0.2  # [m], about a joint's lever arm: a row of torque has about th
 class ScaledQp(NamedTuple):
     """minimise 1/2 y' H y + h' y + w/2 |g|^2 over g = f / FORCE_UNIT, y_k = B_k g_k; fields as in `Qp`."""
 
-    linear: jax.Array  # (N, 6)
-    force_map: jax.Array  # (N, 6, 4, 3) zero for a foot in the air
-    contact: jax.Array  # (N, 4)
-    friction: jax.Array  # ()
-    force_max: jax.Array  # ()
-    force_weight: jax.Array  # ()
+    linear: Float[Array, "N 6"]
+    force_map: Float[Array, "N 6 4 3"]  # zero for a foot in the air
+    contact: Float[Array, "N 4"]
+    friction: Float[Array, ""]
+    force_max: Float[Array, ""]
+    force_weight: Float[Array, ""]
     torque: TorqueRows
     joint: JointRows
 
