@@ -180,6 +180,14 @@ def test_all_errors_come_at_once_with_file_key_value_and_advice(write: Write) ->
         ('name = "../up"', ["name = '../up'", "letters"]),
         ("seed = -1", ["seed = -1"]),
         ('[sweep]\nmethod = "tpe"\n[sweep.space]\nseed = [1]', ["sweep.method = 'tpe'", "'grid' or 'list'"]),
+        (
+            '[sweep]\nmetric = "training.validation_msee"\n[sweep.space]\nseed = [1]',
+            ["sweep.metric = 'training.validation_msee': no summary has", "did you mean 'training.validation_mse'?"],
+        ),
+        (
+            '[sweep]\nshow = ["evaluation.mujoco.success"]\n[sweep.space]\nseed = [1]',
+            ["sweep.show", "did you mean 'evaluation.mujoco.success_rate'?"],
+        ),
         ("[sweep]\nspace = {}", ["sweep.space"]),
         ("[sweep.space]\nname = ['a']", ["name names the experiment"]),
         ('[sweep]\nmetric = "loss"\n[sweep.space]\nseed = [1]', ["sweep.metric = 'loss'", "training.validation_mse"]),

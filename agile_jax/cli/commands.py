@@ -1,6 +1,7 @@
 """The commands: each parses its arguments, calls one library function, prints, and returns the exit code."""
 
 import json
+import math
 import pathlib
 import sys
 from collections.abc import Iterator
@@ -120,7 +121,8 @@ def plan(argv: list[str]) -> int:
     print(f"duration      {solution.duration:.4f} s")
     print(f"lower bound   {solution.lower_bound:.4f} s (gap {100 * solution.gap:.2f} %)")
     print(f"branch        {solution.branch}")
-    print(f"clearance     {solution.min_clearance:.4f} m at the least")
+    if math.isfinite(solution.min_clearance):
+        print(f"clearance     {solution.min_clearance:.4f} m at the least")
     print(f"solved in     {1000 * solution.solve_time_s:.0f} ms")
     if options.output is not None:
         print(f"drawing       {options.output}")

@@ -1,16 +1,14 @@
 """Settings of a sweep: what is varied, and by which number the trials are compared."""
 
-import re
 from collections.abc import Mapping
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, field_validator, model_validator
 
 from agile_jax.settings import Settings
+from agile_jax.sweep.numbers import number_error
 
 Points = TypeVar("Points", dict[str, tuple[object, ...]], tuple[dict[str, object], ...])
-
-METRIC = r"^(dataset|training|evaluation\.[a-z0-9_]+)\.[a-z0-9_.]+$"
 
 
 class SweepSettings(Settings):
@@ -38,13 +36,10 @@ class SweepSettings(Settings):
 
     @field_validator("metric", "show")
     @classmethod
-    def _metric_names_a_stage(cls, value: str | tuple[str, ...]) -> str | tuple[str, ...]:
+    def _numbers_exist(cls, value: str | tuple[str, ...]) -> str | tuple[str, ...]:
         for metric in (value,) if isinstance(value, str) else value:
-            if not re.match(METRIC, metric):
-                raise ValueError(
-                    "must be a key of a stage's summary, such as 'training.validation_mse' or "
-                    "'evaluation.mujoco.success_rate'"
-                )
+            if error := number_error(metric):
+                raise ValueError(error)
         return value
 
     @field_validator("space", mode="before")

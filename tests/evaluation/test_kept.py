@@ -16,6 +16,7 @@ from agile_jax.evaluation.stage import evaluation_starts, stage
 from agile_jax.evaluation.traces import load_traces
 from agile_jax.experiment import load_experiment
 from agile_jax.settings import BadInput
+from agile_jax.sweep.numbers import NUMBERS
 
 INLINE = partial(open_engine, "inline")
 
@@ -83,6 +84,7 @@ def test_damage_is_found_and_made_again(tmp_path: pathlib.Path):
     stage(near(), tmp_path, INLINE)
     evaluation = tmp_path / "evaluation"
     episodes, summary = columns(tmp_path), json.loads((evaluation / "mujoco.json").read_bytes())
+    assert {key for key, value in summary.items() if isinstance(value, int | float)} <= set(NUMBERS["evaluation"])
     recorded = (evaluation / "mujoco-traces.npz").read_bytes()
     (evaluation / "mujoco.json").write_text(json.dumps(summary | {"success_rate": 0.9}))
     (part,) = parts(tmp_path)

@@ -71,7 +71,7 @@ def test_a_method_has_points_of_its_own_kind() -> None:
         listed([{"name": "x"}])
     with pytest.raises(BadInput, match=r"sweep\.points: training\.epochs = 0"):
         make_trials(listed([{"training.epochs": 0}]), pathlib.Path())
-    with pytest.raises(BadInput, match="must be a key of a stage's summary"):
+    with pytest.raises(BadInput, match="must be a number of a stage's summary"):
         listed([{}], show=["validation_mse"])
 
 

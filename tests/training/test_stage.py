@@ -11,6 +11,7 @@ from agile_jax.expert import ExpertSettings
 from agile_jax.policy import make_policy, parameter_count
 from agile_jax.scene import SceneSettings, StartSettings
 from agile_jax.settings import BadInput
+from agile_jax.sweep.numbers import NUMBERS
 from agile_jax.training import KinematicTestSettings, TrainingSettings, fit_dataset, train_on
 from agile_jax.training.checkpoint import load_parameters
 
@@ -61,6 +62,7 @@ def test_training_stage_writes_the_contracts_summary(tmp_path):
     summary = run(dataset, tmp_path)
     assert json.loads((tmp_path / "summary.json").read_text()) == summary
     assert summary.keys() >= REQUIRED
+    assert {key for key, value in summary.items() if isinstance(value, int | float)} <= set(NUMBERS["training"])
     assert summary["epochs"] == 3
 
     policy = make_policy(scene, LIMITS, SMALL)
