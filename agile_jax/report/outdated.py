@@ -40,10 +40,9 @@ def mark_outdated(run_dir: pathlib.Path) -> list[str]:
     path = run_dir / "report.html"
     if not path.is_file():
         return []
-    page = path.read_text(encoding="utf-8")
-    found = _META.search(page)
-    told = json.loads(html.unescape(found.group(1))) if found else {}
+    page = path.read_bytes().decode("utf-8", "surrogateescape")  # whatever somebody made of it
     now = summaries(run_dir)
+    told = _told(page)
     changed = sorted(name for name in {*told, *now} if told.get(name) != now.get(name))
     words = (
         f"This report is out of date: since it was written, {', '.join(changed)} changed. "
@@ -52,5 +51,15 @@ def mark_outdated(run_dir: pathlib.Path) -> list[str]:
     banner = f'<p class="outdated">{html.escape(words)}</p>' if changed else ""
     marked = _BANNER.sub("", page, count=1).replace(_PLACE, _PLACE + banner, 1)
     if marked != page:
-        write_atomic(path, marked.encode())
+        write_atomic(path, marked.encode("utf-8", "surrogateescape"))
     return changed
+
+
+def _told(page: str) -> dict[str, str]:
+    """The summaries that a page names; none where it is damaged or of a version that names none."""
+    found = _META.search(page)
+    try:
+        told = json.loads(html.unescape(found.group(1))) if found else {}
+    except ValueError:
+        return {}
+    return told if isinstance(told, dict) else {}

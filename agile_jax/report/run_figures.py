@@ -29,7 +29,6 @@ from agile_jax.robot import build_mujoco_model, load_robot
 from agile_jax.scene import Scene, clearance, make_scene, planar_scene
 from agile_jax.training import load_policy
 
-TEST_ROWS = ("kinematic_test.npz", "closed_loop.npz")  # the second of older runs
 CAPTIONS = {  # by the name of the figure
     "paths": "Minimum-time paths from ({x:g}, {y:g}) m to the target, from above, from the side and from the front. "
     "Rectangles: the torso's envelope at equal intervals of time.",
@@ -126,9 +125,8 @@ def kinematic_test(run_dir: pathlib.Path, experiment: Experiment) -> str:
         poses, errors = reading.load_test_errors(directory / "test_errors.npz")
         figure = kinematic_test_figures.error_map_figure(scene, poses, errors, error_unit(experiment.policy.kind))
         html += _picture(run_dir, "error_map", figure)
-    rows = next((path for name in TEST_ROWS if (path := directory / name).is_file()), None)
-    if rows is not None:
-        test = reading.load_kinematic_test(rows)
+    if (directory / "kinematic_test.npz").is_file():
+        test = reading.load_kinematic_test(directory / "kinematic_test.npz")
         figure = kinematic_test_figures.arrivals_figure(scene, test)
         html += _picture(run_dir, "arrivals", figure, starts=len(test.start))
         html += _picture(run_dir, "worst_paths", kinematic_test_figures.worst_paths_figure(scene, test))

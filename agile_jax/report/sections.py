@@ -50,8 +50,6 @@ _TRAINING: Words = {
     "field_min_clearance_m": (f"{_TEST}least clearance of the torso", "m"),
     "aggregation_asked": ("poses that rounds of aggregation asked the expert about", ""),
     "aggregation_answered": ("of these, answered", ""),
-    "dagger_asked": ("poses that rounds of aggregation asked the expert about", ""),  # of older runs
-    "dagger_answered": ("of these, answered", ""),
     "epochs": ("epochs", ""),
     "parameters": ("parameters", ""),
     "seconds": ("training time", "s"),

@@ -147,9 +147,14 @@ def test_a_report_older_than_what_it_tells_of_is_marked(run_dir, inputs):
     (run_dir / "evaluation/mjx.json").unlink()
     assert mark_outdated(run_dir) == []
     assert path.read_bytes() == fresh
-    path.write_text("<!DOCTYPE html><html><body>old</body></html>")  # of a version that named nothing
-    assert len(mark_outdated(run_dir)) == 3
-    assert "out of date" in Page(path.read_text()).text
+    for head in (
+        b"",
+        b'<meta name="agile-tells-of" content="{]">',
+        b"\xff",
+    ):  # of a version that named nothing; damaged
+        path.write_bytes(b"<!DOCTYPE html><html><head>" + head + b"</head><body>old</body></html>")
+        assert len(mark_outdated(run_dir)) == 3
+        assert b"out of date" in path.read_bytes()
 
 
 def test_the_report_names_what_it_tells_of(run_dir, inputs):

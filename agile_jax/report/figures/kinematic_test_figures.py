@@ -40,7 +40,7 @@ def draw_arrivals(ax: Axes, scene: Scene, test: KinematicTest) -> Axes:
     ratio, norm = test.ratio[rows], Normalize(*_spread(test.ratio[rows]))
     x, y = test.start[rows, 0], test.start[rows, 1]
     points = ax.scatter(x, y, c=ratio, cmap="viridis", norm=norm, s=6, linewidths=0, zorder=4)
-    style.color_bar(points, ax, "arrival time over the expert's", "both")
+    style.color_bar(points, ax, "arrival time over the duration of the expert's path", "both")
     for name, (color, marker) in FAILED_LOOKS.items():
         failed = test.start[test.outcome == OUTCOMES.index(name)]
         if len(failed):
@@ -54,7 +54,7 @@ def draw_arrivals(ax: Axes, scene: Scene, test: KinematicTest) -> Axes:
 
 def draw_arrival_times(ax: Axes, test: KinematicTest) -> Axes:
     """Cumulative distribution, over all starts, of the arrival time over the expert's. Returns `ax`."""
-    style.dress(ax, "arrival time over the expert's", "fraction of the starts")
+    style.dress(ax, "arrival time over the duration of the expert's path", "fraction of the starts")
     values = np.sort(test.ratio[(test.outcome == ARRIVED) & np.isfinite(test.ratio)])
     if len(values):
         ax.plot(values, np.arange(1, len(values) + 1) / len(test.outcome), color=style.BLUE, linewidth=1.6)
