@@ -2,7 +2,7 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -18,6 +18,7 @@ from agile_jax.run_directory import stage_paths, stage_state
 from agile_jax.scene import Scene, make_scene
 from agile_jax.settings import BadInput
 from agile_jax.solving import Pose, SolvedPath, solve
+from agile_jax.store.npz import NpzError, read_npz
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -106,8 +107,10 @@ class Run:
         """The episodes of the evaluation."""
         self._need("evaluation")
         path = stage_paths(self.directory, self.experiment, "evaluation").summary.with_suffix(".npz")
-        with np.load(path, allow_pickle=False) as file:
-            return Episodes({name: file[name] for name in file.files})
+        try:
+            return Episodes(read_npz(path))
+        except NpzError as error:
+            raise BadInput(f"{path}: {error}; `agile evaluate {self.directory}` makes it again") from None
 
     def summary(self, stage: str) -> dict[str, object]:
         """The summary of a stage: "dataset", "training" or "evaluation"."""
@@ -158,8 +161,12 @@ class Run:
         return f"Run({self.directory}: {', '.join(done) or 'nothing'} done)"
 
 
-def open_run(directory: pathlib.Path | str) -> Run:
+def open_run(directory: pathlib.Path | str, plugins: Iterable[str] = ()) -> Run:
     """Open a run directory, finished or not.
+
+    Args:
+        directory: that `agile run` or `run` made.
+        plugins: modules or Python files with the kinds that it was made with.
 
     Raises:
         BadInput: there is none.
@@ -167,7 +174,7 @@ def open_run(directory: pathlib.Path | str) -> Run:
     directory = pathlib.Path(directory)
     if not directory.is_dir():
         raise BadInput(f"{directory}: no such run directory; `agile run EXPERIMENT.toml` makes one")
-    return Run(directory, load_experiment(directory / "experiment.toml"))
+    return Run(directory, load_experiment(directory / "experiment.toml", plugins=plugins))
 
 
 def run(

@@ -48,6 +48,17 @@ def test_solve_draws_on_axes_that_it_is_given() -> None:
     assert path.plot() is not ax
 
 
+def test_a_second_path_on_the_same_axes_has_its_own_colour_in_the_same_scene() -> None:
+    ax = aj.solve(QUICKSTART, START).plot()
+    right = ax.get_xlim()[1]
+    aj.solve(QUICKSTART, (-1.0, 0.5, 0.28, 0.0)).plot(ax)
+    first, second = (line for line in ax.lines if len(line.get_xdata()) > 10)
+    assert first.get_color() != second.get_color()
+    assert len([text for text in ax.get_legend().get_texts()]) == 3  # two paths and the target
+    assert ax.get_xlim()[0] < -1.0
+    assert ax.get_xlim()[1] == right
+
+
 def test_solve_refuses_a_start_that_is_not_free() -> None:
     with pytest.raises(aj.BadInput, match=r"start.*obstacle 0"):
         aj.solve(QUICKSTART, (1.5, 0.0, 0.28, 0.0))

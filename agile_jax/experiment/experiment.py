@@ -6,7 +6,7 @@ the settings a result depends stands in store/artefact.py.
 
 import pathlib
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any
 
 import tomli_w
@@ -22,6 +22,7 @@ from agile_jax.experiment.robot_path import resolve_robot_paths
 from agile_jax.experiment.validation import validate
 from agile_jax.expert.settings import AnyExpert, ExpertSettings
 from agile_jax.files import hash_json
+from agile_jax.plugins import load
 from agile_jax.policy.settings import AnyPolicy, PolicySettings
 from agile_jax.report.settings import ReportSettings
 from agile_jax.robot.settings import RobotSettings
@@ -80,16 +81,20 @@ class Experiment(Settings):
         return self
 
 
-def load_experiment(path: pathlib.Path | str, overrides: Mapping[str, Any] | None = None) -> Experiment:
+def load_experiment(
+    path: pathlib.Path | str, overrides: Mapping[str, Any] | None = None, plugins: Iterable[str] = ()
+) -> Experiment:
     """Read, merge, override and validate an experiment file.
 
     Args:
         path: a TOML file.
         overrides: values by dotted key, for example {"training.learning_rate": 0.1}.
+        plugins: modules or Python files that are loaded before, for kinds of their own (docs/extending.md).
 
     Raises:
         BadInput: with every error, one a line: file, dotted key, value, what is allowed, nearest valid name.
     """
+    load(plugins)
     return _make(resolve_robot_paths(override(read_table(pathlib.Path(path)), overrides or {})))
 
 

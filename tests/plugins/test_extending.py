@@ -41,8 +41,7 @@ def test_another_scene(page: pathlib.Path) -> None:
 
 
 def test_another_obstacle_is_passed_and_stands_in_the_physics(page: pathlib.Path) -> None:
-    plugins.load([str(page / "bench.py")])
-    experiment = aj.load_experiment(page / "bench.toml")
+    experiment = aj.load_experiment(page / "bench.toml", plugins=[str(page / "bench.py")])
     through = aj.solve(experiment, (0.0, 0.0, 0.28, 0.0))
     assert through.branch == "under"
     assert aj.solve(experiment, (1.5, 1.2, 0.28, 0.0), (1.5, -1.2, 0.28, 0.0)).branch in ("left", "right")
@@ -61,8 +60,7 @@ def test_an_own_expert_labels_through_worker_processes(page: pathlib.Path) -> No
     command = ["expert", "straight.toml", "--plugin", "straight.py", "--workers", "2", "--run-dir", "straight"]
     made = agile(page, *command)
     assert made.returncode == 0, made.stderr
-    plugins.load([str(page / "straight.py")])
-    run = aj.open_run(page / "straight")
+    run = aj.open_run(page / "straight", plugins=[str(page / "straight.py")])
     assert run.summary("dataset")["trajectories"] == 6
     with np.load(next((page / "straight" / "dataset").glob("shard-*.npz"))) as shard:
         assert set(shard["method"]) == {"straight"}
@@ -129,3 +127,11 @@ def test_an_own_policy_and_an_own_controller_through_a_run(page: pathlib.Path) -
     assert episode.outcome == "timeout"
     assert np.hypot(*(episode.poses[:, :2] - episode.poses[0, :2]).T).max() < 0.05
     np.testing.assert_allclose(episode.trace.qpos[-1, 7:], episode.trace.qpos[0, 7:], atol=0.1)
+
+
+def test_another_physics(page: pathlib.Path, finished_run: pathlib.Path) -> None:
+    (page / "runs").symlink_to(finished_run.parent)
+    environment = os.environ | CACHE | {"PYTHONPATH": str(ROOT)}
+    ended = subprocess.run([sys.executable, "windy.py"], cwd=page, env=environment, capture_output=True, text=True)
+    assert ended.returncode == 0, ended.stderr
+    assert re.fullmatch(r"(success|collision|fall|timeout) \d\.\d+ s\n", ended.stdout)

@@ -25,6 +25,7 @@ from agile_jax.scene import Scene
 
 PATH_COLORS = (style.GREEN, style.RED, style.BLUE, style.ORANGE, style.PURPLE)
 PATH_DASHES = ("-", (0, (6, 2)), (0, (2, 1.5)), "-.", ":")
+PATH = "path"  # group of the lines that are paths
 ENVELOPES = 9  # drawn along a path
 _SURROUNDINGS = 0.12  # [m] seen around all that is drawn
 
@@ -32,11 +33,13 @@ _SURROUNDINGS = 0.12  # [m] seen around all that is drawn
 def draw_plan(ax: Axes, scene: Scene, paths: Motion | Mapping[str, Motion], view: View = "above") -> Axes:
     """Draw obstacles, target and paths in one view, with the torso's envelope at equal intervals of time.
 
+    On axes with paths the scene is not drawn again, and colours go on after those that are there.
+
     Args:
         ax: is drawn on; `new_axes()` makes one.
         scene: obstacles and target.
         paths: one, or several by label: an expert's trajectory, a recorded episode. The first is green, the second
-            red. The style.legend adds each one's duration.
+            red. The legend adds each one's duration.
         view: from above (x, y), from the side (x, z) or from the front (y, z).
 
     Returns:
@@ -49,18 +52,24 @@ def draw_plan(ax: Axes, scene: Scene, paths: Motion | Mapping[str, Motion], view
 
 
 def _draw_view(ax: Axes, scene: Scene, paths: Mapping[str, Motion], view: View) -> None:
-    style.dress(ax)
-    if view != "above":
-        draw_floor(ax)
-    draw_obstacles(ax, scene, view)
-    for number, (label, motion) in enumerate(paths.items()):
+    there = sum(line.get_gid() == PATH for line in ax.lines)
+    (left, right), (bottom, top) = ax.get_xlim(), ax.get_ylim()
+    if not there:
+        style.dress(ax)
+        if view != "above":
+            draw_floor(ax)
+        draw_obstacles(ax, scene, view)
+        draw_target(ax, scene, view)
+    for number, (label, motion) in enumerate(paths.items(), there):
         _draw_path(ax, scene, label, motion, view, number)
-    draw_target(ax, scene, view)
     frame(ax, *_extent(scene, paths), view)
+    if there:
+        ax.set_xlim(min(left, ax.get_xlim()[0]), max(right, ax.get_xlim()[1]))
+        ax.set_ylim(min(bottom, ax.get_ylim()[0]), max(top, ax.get_ylim()[1]))
 
 
 def plan_figure(scene: Scene, paths: Motion | Mapping[str, Motion], title: str = "") -> Figure:
-    """The three views of `draw_plan` at one scale, with a style.legend and a title."""
+    """The three views of `draw_plan` at one scale, with a legend and a title."""
     paths = by_label(paths)
     low, high = _extent(scene, paths)
     size = high - low
@@ -94,6 +103,7 @@ def _line(number: int, label: str, motion: Motion, columns: tuple[int, int] = (0
         linestyle=PATH_DASHES[number % len(PATH_DASHES)],
         linewidth=2.0,
         zorder=5,
+        gid=PATH,
         label=f"{label}\n{times[-1] - times[0]:.2f} s".lstrip(),
     )
 
