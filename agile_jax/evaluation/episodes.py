@@ -8,7 +8,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int, PyTree
 
-from agile_jax.engine import Engine, TaskFailure, TasksFailedError
+from agile_jax.engine import TaskFailure, TasksFailedError
 from agile_jax.evaluation.backend import Backend, make_backend
 from agile_jax.evaluation.kept import Columns, KeptEvaluation, joined
 from agile_jax.experiment import Experiment
@@ -117,7 +117,7 @@ def simulate_on_workers(work: Work, kept: KeptEvaluation, open_engine: OpenEngin
     failures = []
     done, begun = 0, time.perf_counter()
     with open_engine() as engine:
-        parts = [work.part(rows) for rows in split(count, engine)]
+        parts = [work.part(rows) for rows in split(count, engine.workers)]
         for position, result in engine.map(simulate_part, parts, time_limit_s=PART_TIME_LIMIT_S):
             if isinstance(result, TaskFailure):
                 failures.append(f"episodes from {parts[position].episodes[0]}: {result.cause}")
@@ -137,10 +137,10 @@ def simulate_on_workers(work: Work, kept: KeptEvaluation, open_engine: OpenEngin
         )
 
 
-def split(count: int, engine: Engine) -> list[slice]:
+def split(count: int, workers: int) -> list[slice]:
     """Parts for the workers: as long as may be, so that fewer slots wait for the last episode, but several for each."""
     files = -(-count // FILE)
-    size = min(LONGEST_PART, FILE * max(1, files // (PARTS_A_WORKER * engine.workers)))
+    size = min(LONGEST_PART, FILE * max(1, files // (PARTS_A_WORKER * workers)))
     return [slice(first, first + size) for first in range(0, count, size)]
 
 

@@ -36,9 +36,7 @@ def test_workers_simulate_what_one_process_simulates(tmp_path: pathlib.Path, sma
     [(60, 2, [60]), (576, 2, [64] * 9), (1024, 2, [128] * 8), (10_000, 2, [512] * 19 + [272])],
 )
 def test_workers_get_equal_parts(count: int, workers: int, sizes: list[int]):
-    engine = InlineEngine()
-    engine.workers = workers
-    parts = [range(count)[rows] for rows in episodes.split(count, engine)]
+    parts = [range(count)[rows] for rows in episodes.split(count, workers)]
     assert [len(part) for part in parts] == sizes
     assert [episode for part in parts for episode in part] == list(range(count))
 
