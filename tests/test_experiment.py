@@ -214,7 +214,10 @@ def test_bad_overrides(write: Write) -> None:
 
 def test_files_that_are_no_experiment(write: Write, tmp_path: pathlib.Path) -> None:
     write('name = "n"', "quickstart.toml")
-    assert "no such file; did you mean" in message(tmp_path / "quikstart.toml")
+    write("[project]", "quikstar.toml")  # of another program
+    assert message(tmp_path / "quikstart.toml").endswith(f"no such file; did you mean {tmp_path / 'quickstart.toml'}?")
+    assert message(tmp_path / "smoke.toml").endswith("no such file")
+    assert load_experiment(write('\ufeffname = "mark"', "bom.toml")).name == "mark"
     assert "is a folder" in message(tmp_path)
     assert "is empty" in message(write(" \n"))
     assert "is not valid TOML" in message(write("name = \nseed"))

@@ -98,8 +98,8 @@ def _parse(path: pathlib.Path, child: pathlib.Path | None) -> Values:
     """One file as a table; every way in which it can be unreadable is one message."""
     asked = f" (which {child} extends)" if child else ""
     if not path.exists():
-        near = difflib.get_close_matches(path.name, _experiments_in(path.parent), 1)
-        hint = f"; did you mean {path.parent / near[0]}?" if near else ""
+        near = difflib.get_close_matches(path.stem, _experiments_in(path.parent), 1)
+        hint = f"; did you mean {path.parent / near[0]}.toml?" if near else ""
         raise BadInput(f"{path}: no such file{asked}{hint}")
     if path.is_dir():
         raise BadInput(f"{path}: is a folder{asked}; an experiment is one TOML file")
@@ -122,14 +122,14 @@ def _parse(path: pathlib.Path, child: pathlib.Path | None) -> Values:
 
 
 def _experiments_in(folder: pathlib.Path) -> Iterator[str]:
-    """The names of the experiment files in a folder: every experiment, or what it extends, has a name."""
+    """The names without .toml of the experiment files in a folder: every experiment, or what it extends, has a name."""
     for path in sorted(folder.glob("*.toml")) if folder.is_dir() else ():
         try:
             values = _parse(path, None)
         except (BadInput, OSError):
             continue
         if {"name", "extends"} & values.keys():
-            yield path.name
+            yield path.stem
 
 
 def _merge(base: Values, child: Values) -> Values:
