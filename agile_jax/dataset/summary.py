@@ -9,7 +9,7 @@ from agile_jax.dataset.dataset import accepted
 from agile_jax.expert import CERTIFIED
 from agile_jax.store.npz import Arrays
 
-FIRST_METHODS = ("certified", "fatrop")  # the others are rungs that solved what these could not
+FIRST_METHODS = ("certified", "fatrop")  # the others are attempts that solved what these could not
 
 
 def summarise(rows: Arrays, notes: Mapping[str, Mapping[str, object]], dataset_hash: str) -> dict[str, object]:

@@ -5,14 +5,13 @@ import time
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from agile_jax.expert.feasible_poses import check_target
 from agile_jax.expert.problem import Problem
 from agile_jax.expert.programs.retries import ATTEMPT_NAMES, AttemptName
 from agile_jax.expert.settings import ExpertSettings, InitialVelocity, checked_initial_velocity
 from agile_jax.expert.solution import ExpertSolution
-from agile_jax.scene import POSE_SIZE, Scene, facing, planar_scene
+from agile_jax.scene import POSE_SIZE, PoseLike, Scene, facing, planar_scene
 from agile_jax.settings import BadInput
 
 
@@ -37,11 +36,11 @@ class Expert(abc.ABC):
 
     def solve(
         self,
-        start: ArrayLike,
+        start: PoseLike,
         initial_velocity: InitialVelocity | None = None,
         first_attempt: AttemptName = "fatrop",
         guess: int = 0,
-        target: ArrayLike | None = None,
+        target: PoseLike | None = None,
     ) -> ExpertSolution:
         """The path of least time from a pose to rest at the target.
 
@@ -79,7 +78,7 @@ class Expert(abc.ABC):
         """`solve` of checked arguments."""
 
 
-def _pose(name: str, values: ArrayLike) -> np.ndarray:
+def _pose(name: str, values: PoseLike) -> np.ndarray:
     """A copy of a pose, shape (4,)."""
     try:
         pose = np.array(values, float)

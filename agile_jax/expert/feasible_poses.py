@@ -6,14 +6,14 @@ import numpy as np
 
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.space.regions import planning_margin
-from agile_jax.scene import POSE_NAMES, POSE_SIZE, Scene, obstacle_clearances, turns_freely
+from agile_jax.scene import POSE_NAMES, POSE_SIZE, PoseLike, Scene, obstacle_clearances, turns_freely
 from agile_jax.settings import BadInput, Pose, yaw_error
 
 UNITS = ("m", "m", "m", "rad")
 
 
-def check_start(scene: Scene, settings: ExpertSettings, start: np.ndarray) -> None:
-    """Refuse a start pose, shape (4,), from which no plan can begin.
+def check_start(scene: Scene, settings: ExpertSettings, start: PoseLike) -> None:
+    """Refuse a start pose [x, y, z, yaw] [m, rad] from which no plan can begin.
 
     Raises:
         BadInput: `pose_errors`, one a line.
@@ -22,14 +22,12 @@ def check_start(scene: Scene, settings: ExpertSettings, start: np.ndarray) -> No
         raise BadInput("\n".join(errors))
 
 
-def check_target(
-    scene: Scene, settings: ExpertSettings, target: np.ndarray | None = None, name: str = "target"
-) -> None:
-    """Refuse a target pose, shape (4,), at which no plan can end (BadInput, like `check_start`).
+def check_target(scene: Scene, settings: ExpertSettings, target: PoseLike | None = None, name: str = "target") -> None:
+    """Refuse a target pose [x, y, z, yaw] [m, rad] at which no plan can end (BadInput, like `check_start`).
 
     Args:
-        scene: obstacles and bounds.
-        settings: the margin.
+        scene: its obstacles and bounds count.
+        settings: its margin counts.
         target: the scene's when not given.
         name: what the message calls it.
     """
@@ -44,8 +42,8 @@ def check_targets(scene: Scene, settings: ExpertSettings, targets: Sequence[Pose
         check_target(scene, settings, np.array(target), f"dataset.targets[{i}]")
 
 
-def pose_errors(scene: Scene, settings: ExpertSettings, pose: np.ndarray, name: str) -> list[str]:
-    """Why no plan can begin or end at a pose, shape (4,): each axis out of bounds, or each obstacle that is too near.
+def pose_errors(scene: Scene, settings: ExpertSettings, pose: PoseLike, name: str) -> list[str]:
+    """Why no plan can begin or end at a pose: each axis out of bounds, or each obstacle that is too near.
 
     Where the bounds of yaw hold a full circle, yaw has none. `name` is what the messages call the pose.
     """

@@ -4,6 +4,7 @@ from agile_jax.scene.heading import facing, pose_error, turns_freely, yaw_betwee
 from agile_jax.scene.scene import (
     BOX_FACES,
     POSE_SIZE,
+    PoseLike,
     Scene,
     clearance,
     make_scene,
@@ -30,6 +31,7 @@ __all__ = [
     "Box",
     "BoxSettings",
     "ObstacleSettings",
+    "PoseLike",
     "Scene",
     "SceneSettings",
     "StartSettings",

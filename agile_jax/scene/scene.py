@@ -1,5 +1,6 @@
 """The scene as arrays, and the exact clearance of the torso in it."""
 
+from collections.abc import Sequence
 from types import ModuleType
 from typing import NamedTuple
 
@@ -11,6 +12,7 @@ from agile_jax.geometry import prism_distance, rectangle_distance
 from agile_jax.scene.settings import POSE_NAMES, SceneSettings
 
 POSE_SIZE = len(POSE_NAMES)
+PoseLike = Sequence[float | int] | np.ndarray  # x y z yaw [m, m, m, rad]
 # The outward faces of an upright box, by where the obstacle lies for who passes: name, axis, sign of the normal.
 BOX_FACES = (("left", 1, +1), ("right", 1, -1), ("front", 0, -1), ("back", 0, +1), ("under", 2, -1), ("over", 2, +1))
 FLAT = 1e-4  # [m] half the room that a fixed height leaves a solver

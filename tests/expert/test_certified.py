@@ -167,7 +167,7 @@ def test_a_crossing_off_the_slowest_axis_is_searched_for(pair):
     assert (fast.branch, general.branch) == ("under", "under")
     assert general.duration == pytest.approx(fast.duration, rel=1e-4)
     assert fast.objective <= general.objective + 1e-6
-    # The general program takes the route with fewer such boundaries while it is no worse than this.
+    # The general program takes the route with fewer such crossings while it is no worse than this.
     assert fast.objective >= general.objective * (1 - 5e-4)
 
 
