@@ -15,10 +15,9 @@ def result_lines(results: Mapping[str, StageResult]) -> list[str]:
     lines = [
         f"{name:<12}{'reused' if one.reused else 'made':<8}{_ABOUT[name](one.summary)}" for name, one in results.items()
     ]
-    last = list(results.values())[-1]
-    done = results.get("evaluation")
-    sentence = success(done.summary) if done else _ABOUT[last.stage](last.summary)
-    return [*lines, f"{sentence[:1].upper()}{sentence[1:]}; {'open' if last.stage == 'report' else 'see'} {last.path}"]
+    last, done = list(results.values())[-1], results.get("evaluation")
+    where = f"{'open' if last.stage == 'report' else 'see'} {last.path}"
+    return [*lines, f"{success(done.summary)}; {where}" if done else f"{where[:1].upper()}{where[1:]}"]
 
 
 def print_wrapped(line: str) -> None:

@@ -82,7 +82,7 @@ class Experiment(Settings):
 
 
 def load_experiment(
-    path: pathlib.Path | str, overrides: Mapping[str, Any] | None = None, plugins: Iterable[str] = ()
+    path: pathlib.Path | str, overrides: Mapping[str, object] | None = None, plugins: Iterable[str] = ()
 ) -> Experiment:
     """Read, merge, override and validate an experiment file.
 
@@ -98,7 +98,7 @@ def load_experiment(
     return _make(resolve_robot_paths(override(read_table(pathlib.Path(path)), overrides or {})))
 
 
-def with_overrides(experiment: Experiment, overrides: Mapping[str, Any], source: str) -> Experiment:
+def with_overrides(experiment: Experiment, overrides: Mapping[str, object], source: str) -> Experiment:
     """The experiment with other values by dotted key, validated as a file is; `source` names them in messages."""
     table = Table(experiment.model_dump(mode="json"), {}, source)
     return _make(override(table, overrides, source))
