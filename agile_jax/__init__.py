@@ -32,11 +32,12 @@ if TYPE_CHECKING:
         simulation,
         training,
     )
-    from agile_jax.episode import RecordedEpisode
+    from agile_jax.api.episode import RecordedEpisode
+    from agile_jax.api.learning import make_dataset, train
+    from agile_jax.api.run import Episodes, Run, open_run, run
+    from agile_jax.api.solving import SolvedPath, solve
     from agile_jax.experiment import Experiment, load_experiment
-    from agile_jax.runs import Episodes, Run, open_run, run
     from agile_jax.settings import BadInput
-    from agile_jax.solving import SolvedPath, solve
 
 __all__ = [
     "BadInput",
@@ -51,6 +52,7 @@ __all__ = [
     "experiment",
     "expert",
     "load_experiment",
+    "make_dataset",
     "open_run",
     "policy",
     "report",
@@ -59,17 +61,19 @@ __all__ = [
     "scene",
     "simulation",
     "solve",
+    "train",
     "training",
 ]
 
 __getattr__ = lazy_names(
     __name__,
     {
-        "episode": "RecordedEpisode",
+        "api.episode": "RecordedEpisode",
         "experiment": "Experiment load_experiment",
-        "runs": "Episodes Run open_run run",
+        "api.learning": "make_dataset train",
+        "api.run": "Episodes Run open_run run",
         "settings": "BadInput",
-        "solving": "SolvedPath solve",
+        "api.solving": "SolvedPath solve",
     },
     "control dataset evaluation experiment expert policy report robot scene simulation training",
 )

@@ -23,7 +23,7 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "flax": {"policy", "training"},
     "optax": {"training", "benchmark"},
     "tensorboardX": {"training"},
-    "matplotlib": {"report", "episode.py", "solving.py"},  # these two for the type of Axes
+    "matplotlib": {"report", "api"},  # the latter for the type of Axes
     "mpl_toolkits": {"report"},
     "imageio": {"report"},
     "imageio_ffmpeg": {"report"},
@@ -40,6 +40,7 @@ WITHOUT_JAX = {
     "store",
     "experiment",
     "sweep",
+    "api",
     "cli",
 }  # and every module at the top of the package
 

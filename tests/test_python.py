@@ -26,7 +26,7 @@ def test_every_name_is_there_and_completed() -> None:
 
 
 def test_a_name_is_not_taken_by_a_module_that_is_loaded_later() -> None:
-    program = "import agile_jax.runs, agile_jax as aj\nassert callable(aj.run) and callable(aj.solve)"
+    program = "import agile_jax.api.run, agile_jax as aj\nassert callable(aj.run) and callable(aj.solve)"
     subprocess.run([sys.executable, "-c", program], check=True)
 
 
@@ -115,9 +115,18 @@ def test_a_table_for_pandas(finished_run: pathlib.Path) -> None:
     np.testing.assert_array_equal(table["start_3"], episodes["start"][:, 3])
 
 
-def test_the_script_of_the_page(finished_run: pathlib.Path, tmp_path: pathlib.Path) -> None:
+def test_labels_and_training_in_memory_are_those_of_a_run(finished_run: pathlib.Path) -> None:
+    run = aj.open_run(finished_run)
+    dataset = aj.make_dataset(run.experiment)
+    np.testing.assert_array_equal(dataset.states, run.dataset.states)
+    policy = aj.train(dataset, run.experiment)
+    poses = dataset.states[:3, 50, :4]
+    np.testing.assert_array_equal(policy.batch(poses), run.policy.batch(poses))
+
+
+def test_the_scripts_of_the_page(finished_run: pathlib.Path, tmp_path: pathlib.Path) -> None:
     """As a file without a main guard, in a folder where the experiments and a finished run are."""
-    script = re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL)[0]
+    script = "\n".join(re.findall(r"```python\n(.*?)```", (ROOT / "docs" / "python.md").read_text(), re.DOTALL))
     (tmp_path / "script.py").write_text(script)
     (tmp_path / "experiments").symlink_to(ROOT / "experiments")
     (tmp_path / "runs").symlink_to(finished_run.parent)
@@ -128,3 +137,4 @@ def test_the_script_of_the_page(finished_run: pathlib.Path, tmp_path: pathlib.Pa
     assert "SolvedPath(under, 3.667 s, gap 0 %) (61, 8)" in ended.stdout
     assert re.search(r"RecordedEpisode\((success|collision|fall|timeout), \d+ moments\)", ended.stdout)
     assert (tmp_path / "under_the_table.png").stat().st_size > 10_000
+    assert re.search(r"\n\[[^]]*\]\n$", ended.stdout)  # the velocity of the policy that was trained in memory

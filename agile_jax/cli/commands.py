@@ -109,7 +109,7 @@ def sweep(argv: list[str]) -> int:
 
 def plan(argv: list[str]) -> int:
     """`agile plan`: one expert solve, printed and drawn."""
-    from agile_jax.solving import solve
+    from agile_jax.api.solving import solve
 
     experiment, options, _ = parse_experiment("plan", PlanOptions, argv)
     solution = solve(experiment, options.start, options.target)
@@ -131,7 +131,7 @@ def plan(argv: list[str]) -> int:
 
 def rollout(argv: list[str]) -> int:
     """`agile rollout`: one closed-loop episode of a finished run."""
-    from agile_jax.runs import open_run
+    from agile_jax.api.run import open_run
 
     run_dir, options = parse_run_dir("rollout", RolloutOptions, argv)
     if (options.start is None) == (options.replay is None):
@@ -153,7 +153,7 @@ def rollout(argv: list[str]) -> int:
 
 def export(argv: list[str]) -> int:
     """`agile export`: the policy of a finished run, for use elsewhere."""
-    from agile_jax.runs import open_run
+    from agile_jax.api.run import open_run
 
     run_dir, options = parse_run_dir("export", ExportOptions, argv)
     exported = open_run(run_dir).export(options.output)

@@ -1,7 +1,7 @@
 """What an engine is, the simplest one, and the failure of a task."""
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import NamedTuple, Protocol, TypeVar
+from typing import NamedTuple, Protocol, TypeVar, runtime_checkable
 
 Task = TypeVar("Task")
 Made = TypeVar("Made")
@@ -18,6 +18,7 @@ class TasksFailedError(RuntimeError):
     """Some tasks failed for good; what the others made is kept. The text names them."""
 
 
+@runtime_checkable
 class Engine(Protocol):
     """Where tasks run."""
 

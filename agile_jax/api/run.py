@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from agile_jax import pipeline
-from agile_jax.episode import RecordedEpisode, load_recording
+from agile_jax.api.episode import RecordedEpisode, load_recording
+from agile_jax.api.solving import Pose, SolvedPath, solve
 from agile_jax.experiment import STAGES, Experiment, load_experiment
 from agile_jax.expert import Expert, make_expert
 from agile_jax.files import read_json
@@ -17,7 +18,6 @@ from agile_jax.progress import Progress, silent
 from agile_jax.run_directory import stage_paths, stage_state
 from agile_jax.scene import Scene, make_scene
 from agile_jax.settings import BadInput
-from agile_jax.solving import Pose, SolvedPath, solve
 from agile_jax.store.npz import NpzError, read_npz
 
 if TYPE_CHECKING:
