@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from typing import Literal, NamedTuple
 
 from agile_jax.experiment import Experiment, experiment_hash, to_toml
-from agile_jax.files import hash_json, read_json, write_atomic, write_json
+from agile_jax.files import read_json, write_atomic, write_json
 from agile_jax.robot.settings import OWN
 from agile_jax.settings import BadInput
 from agile_jax.store.artefact import (
@@ -34,6 +34,7 @@ from agile_jax.store.artefact import (
     keys,
 )
 from agile_jax.store.record import Record, damaged, list_files, read_record, write_record
+from agile_jax.training.finished import read_finished
 
 State = Literal["done", "begun", "new", "outdated", "other settings"]
 ARTEFACTS_OF: dict[str, tuple[Artefact, ...]] = {  # the first one names the stage's result
@@ -195,9 +196,8 @@ def _inputs(run_dir: pathlib.Path, stage: str) -> dict[str, str]:
     if stage == "training" and isinstance(manifest.get("dataset_hash"), str):
         return {"labels": str(manifest["dataset_hash"])}
     if stage == "evaluation":
-        steps = [path for path in run_dir.glob("training/checkpoints/*/integrity.json") if path.parent.name.isdigit()]
-        last = sorted(steps, key=lambda path: int(path.parent.name))[-1:]
-        return {"epochs": hash_json(list_files(run_dir, *last))} if last else {}
+        finished = read_finished(run_dir / "training")
+        return {} if finished is None else {"epochs": finished.policy}
     return {}
 
 

@@ -17,6 +17,7 @@ CHECKED = [  # packages whose annotations, shapes too, are checked at every call
     "agile_jax.robot",
     "agile_jax.scene",
     "agile_jax.policy",
+    "agile_jax.training",
 ]
 install_import_hook(CHECKED, "beartype.beartype")
 

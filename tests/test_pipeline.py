@@ -10,6 +10,7 @@ import sys
 import time
 from typing import Any
 
+import numpy as np
 import pytest
 
 from agile_jax import pipeline
@@ -18,8 +19,11 @@ from agile_jax.experiment import Experiment, load_experiment, with_overrides
 from agile_jax.files import write_json
 from agile_jax.report.outdated import meta, summaries
 from agile_jax.report.page import page
-from agile_jax.run_directory import finish_record, locked, stage_paths, stage_state
+from agile_jax.run_directory import begun_record, finish_record, locked, stage_paths, stage_state
+from agile_jax.runs import open_run
+from agile_jax.scene import make_scene
 from agile_jax.settings import BadInput
+from agile_jax.training import load_policy
 
 SMALL = {
     "dataset.trajectories": 12,
@@ -305,3 +309,57 @@ def test_killed_and_resumed_is_bit_for_bit_the_same(
         json.loads((folder / "summary.json").read_text())["dataset_hash"] for folder in (shards, finished / "dataset")
     ]
     assert hashes[0] == hashes[1]
+
+
+BRIEF = {
+    "policy.hidden_layers": [8],
+    "training.batch_size": 16,
+    "training.epochs": 4,
+    "training.checkpoint_every": 2,
+    "kinematic_test.every": 0,
+    "kinematic_test.starts": 4,
+}
+
+
+@pytest.fixture(scope="module")
+def trained(experiment: Experiment, finished: pathlib.Path, tmp_path_factory: pytest.TempPathFactory) -> pathlib.Path:
+    """A run directory whose training is done, too."""
+    run_dir = shutil.copytree(finished, tmp_path_factory.mktemp("trained") / "run")
+    pipeline.run(with_overrides(experiment, BRIEF, "test"), run_dir, ("training",), engine="inline")
+    return run_dir
+
+
+@pytest.mark.parametrize("damage", ["a flipped bit", "gone"])
+def test_a_training_whose_last_checkpoint_is_damaged_is_not_done_nor_read_and_is_repaired(
+    experiment: Experiment, trained: pathlib.Path, tmp_path: pathlib.Path, damage: str
+) -> None:
+    brief, run_dir = with_overrides(experiment, BRIEF, "test"), shutil.copytree(trained, tmp_path / "run")
+    start = experiment.scene.start.mean
+    expected = open_run(trained).policy(np.array(start))
+    step = run_dir / "training" / "checkpoints" / "4"
+    file = max((step / "policy").rglob("*"), key=lambda path: path.stat().st_size if path.is_file() else 0)
+    if (data := DAMAGE[damage](file.read_bytes())) is None:
+        shutil.rmtree(step)
+    else:
+        file.write_bytes(data)
+    assert stage_state(run_dir, brief, "training") == "begun"
+    with pytest.raises(BadInput, match="agile train"):
+        open_run(run_dir).export()
+    limits, settings = brief.expert.limits, brief.policy
+    with pytest.raises(BadInput, match=r"checkpoints/4: .*`agile train .*run` goes on from the last sound checkpoint"):
+        load_policy(run_dir / "training", make_scene(brief.scene), limits, settings)
+    pipeline.run(brief, run_dir, ("training",), engine="inline")
+    assert stage_state(run_dir, brief, "training") == "done"
+    np.testing.assert_array_equal(open_run(run_dir).policy(np.array(start)), expected)
+    for name in ("metrics.jsonl", "kinematic_test.npz", "test_errors.npz"):
+        assert (run_dir / "training" / name).read_bytes() == (trained / "training" / name).read_bytes()
+
+
+def test_an_evaluation_is_of_the_policys_numbers_not_of_the_files_that_hold_them(
+    experiment: Experiment, trained: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    brief, run_dir = with_overrides(experiment, BRIEF, "test"), shutil.copytree(trained, tmp_path / "run")
+    before = begun_record(run_dir, brief, "evaluation").inputs
+    shutil.rmtree(run_dir / "training" / "checkpoints" / "4")
+    pipeline.run(brief, run_dir, ("training",), engine="inline")
+    assert begun_record(run_dir, brief, "evaluation").inputs == before != {}

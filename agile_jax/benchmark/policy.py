@@ -13,6 +13,7 @@ from collections.abc import Callable
 from importlib.metadata import version
 
 import numpy as np
+from jaxtyping import Float
 
 from agile_jax.benchmark.metrics import Metric, Result, as_json, missed, number, table
 from agile_jax.dataset.starts import draw_start
@@ -73,14 +74,17 @@ def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progre
     }
 
 
-def _seconds(call: Callable[..., object], argument: np.ndarray) -> float:
+def _seconds(call: Callable[[np.ndarray], object], argument: np.ndarray) -> float:
+    """How long a call takes [s]."""
     began = time.perf_counter()
     call(argument)
     return time.perf_counter() - began
 
 
-def _metrics(singles: np.ndarray, batches: np.ndarray, solves: np.ndarray) -> list[Metric]:
-    """Of the seconds of each call."""
+def _metrics(
+    singles: Float[np.ndarray, " n"], batches: Float[np.ndarray, " m"], solves: Float[np.ndarray, " m"]
+) -> list[Metric]:
+    """Medians and ratios of the calls' times [s]: single queries, batches of BATCH, solves."""
     found = []
     for key, seconds, unit, scale, meaning in (
         ("expert.solve", solves, "ms", 1e3, "one start"),

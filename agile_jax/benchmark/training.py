@@ -28,6 +28,7 @@ from agile_jax.benchmark.metrics import Metric, Result, as_json, comparison, mis
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
+from agile_jax.store.npz import write_npz
 
 if TYPE_CHECKING:
     from agile_jax.benchmark.workloads.throughput import Run, Workload
@@ -156,7 +157,7 @@ def _torch(workload: "Workload") -> Iterator[Callable[[str], Timing] | None]:
         arrays |= {f"bias_{i}": bias for i, bias in enumerate(workload.biases)}
         arrays |= {"poses": workload.poses, "labels": workload.labels, "rows": workload.rows.astype(np.int64)}
         arrays |= {"layers": np.array(len(workload.kernels)), "learning_rate": np.array(workload.learning_rate)}
-        np.savez(path, **arrays)  # type: ignore[arg-type]
+        write_npz(path, arrays)
         command = [sys.executable, "-m", "agile_jax.benchmark.peers.torch_peer", str(path)]
         process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert process.stdin is not None

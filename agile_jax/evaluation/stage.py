@@ -21,17 +21,15 @@ from agile_jax.evaluation.summary import summarize
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.robot import load_robot, robot_digest
-from agile_jax.scene import clearance, make_scene
+from agile_jax.scene import clearance, make_scene, streams
 from agile_jax.simulation import Trace
 from agile_jax.store.artefact import EPISODES, key
 from agile_jax.store.parts import OpenEngine
 
-START_STREAM = 7_001  # sets the evaluation's random stream apart from those of dataset and training
-
 
 def evaluation_starts(experiment: Experiment) -> Float[np.ndarray, "episodes 4"]:
     """Start poses that no training has seen [m, rad]; start i does not depend on how many there are."""
-    stream = experiment.seed, START_STREAM, experiment.evaluation.seed
+    stream = experiment.seed, streams.EVALUATION_STARTS, experiment.evaluation.seed
     return unseen_starts(experiment.scene, experiment.expert, experiment.evaluation.episodes, stream)
 
 

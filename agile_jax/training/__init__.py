@@ -6,7 +6,7 @@ Only the settings are imported with the package; the rest loads JAX when first u
 from typing import TYPE_CHECKING
 
 from agile_jax.lazy import lazy_names
-from agile_jax.training.finished import result_files
+from agile_jax.training.finished import read_finished
 from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
 
 if TYPE_CHECKING:
@@ -35,7 +35,7 @@ __all__ = [
     "gamma_test",
     "load_policy",
     "make_follower",
-    "result_files",
+    "read_finished",
     "train",
     "train_on",
 ]

@@ -20,7 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 import optax
 from jax.sharding import NamedSharding, PartitionSpec
-from jaxtyping import Array, Float, Int, Int32, PRNGKeyArray, PyTree
+from jaxtyping import Array, Float, Int, Int32, Key, PRNGKeyArray, PyTree
 
 from agile_jax.arrays import AnyArray
 from agile_jax.policy.network import PolicyParameters
@@ -73,7 +73,7 @@ class CompiledTraining:
     compile_seconds: float
 
     def epoch(
-        self, state: TrainState, samples: EncodedSamples, keys: PRNGKeyArray, number: int
+        self, state: TrainState, samples: EncodedSamples, keys: Key[Array, " S"], number: int
     ) -> tuple[TrainState, Float[Array, "S steps"]]:
         """Train for epoch `number`, from 0; the state is consumed.
 
@@ -179,7 +179,7 @@ def make_epoch(step: Step, count: int, batch_size: int, split: SplitRows = lambd
 
     def epoch(
         state: TrainState, samples: EncodedSamples, key: PRNGKeyArray, number: Int32[AnyArray, ""]
-    ) -> tuple[TrainState, Float[Array, " {steps}"]]:
+    ) -> tuple[TrainState, Float[Array, " steps"]]:
         everything = jnp.arange(count, dtype=jnp.int32)
         order = jax.random.permutation(jax.random.fold_in(key, number), everything)
         again = jnp.arange(steps * batch_size, dtype=jnp.int32) % count
@@ -214,7 +214,7 @@ def compile_training(
     state: TrainState,
     training: EncodedSamples,
     validation: EncodedSamples,
-    keys: PRNGKeyArray,
+    keys: Key[Array, " S"],
     unit: Unit = SI,
 ) -> CompiledTraining:
     """Compile ahead of time for these arguments, placed as they are."""

@@ -16,8 +16,9 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PRNGKeyArray, PyTree
+from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
+from agile_jax.files import sha256
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Policy
 from agile_jax.policy.query import TrainedPolicy
@@ -136,7 +137,7 @@ class Prepared(NamedTuple):
     """What a training begins with, on the devices."""
 
     state: TrainState  # leads with the seeds
-    keys: PRNGKeyArray  # (S,) of the orders
+    keys: Key[Array, " S"]  # of the orders
     training: EncodedSamples
     validation: EncodedSamples
 
@@ -187,9 +188,11 @@ def fit_policy(problem: FitProblem, keeping: Keeping | None = None, progress: Pr
             )
             compile_seconds = compiled.compile_seconds
             position = _train(problem, prepared, position, compiled, log, keeping, progress)
+    fitted = _outcome(problem, prepared, position, compile_seconds)
     if keeping and jax.process_index() == 0:
-        write_finished(keeping.directory, len(position.rows))
-    return _outcome(problem, prepared, position, compile_seconds)
+        numbers = b"".join(np.asarray(leaf).tobytes() for leaf in jax.tree.leaves(fitted.parameters))
+        write_finished(keeping.directory, len(position.rows), sha256(numbers))
+    return fitted
 
 
 def prepare(problem: FitProblem) -> Prepared:

@@ -13,7 +13,7 @@ from tensorboardX import SummaryWriter
 
 from agile_jax.files import write_atomic
 
-Row = dict[str, float | list[float]]
+Row = dict[str, int | float | list[float]]
 """An epoch's line: epoch and step (from 1), errors [(m/s)^2, (rad/s)^2] and the learning rate of its last step; with
 several seeds their errors, too; where there was an intermediate test, what it found."""
 SCALARS = ("train_mse", "validation_mse", "learning_rate")

@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import optax
 
-from agile_jax.training.settings import TrainingSettings
+from agile_jax.training.settings import WITH_MOMENTUM, WITH_WEIGHT_DECAY, TrainingSettings
 
 SCHEDULES: dict[str, Callable[[float, float, int], optax.Schedule]] = {  # (first rate, last over first, steps)
     "constant": lambda rate, _, steps: optax.constant_schedule(rate),
@@ -14,49 +14,6 @@ SCHEDULES: dict[str, Callable[[float, float, int], optax.Schedule]] = {  # (firs
     "linear": lambda rate, final, steps: optax.linear_schedule(rate, final * rate, steps),
     "linear_onecycle": lambda rate, _, steps: optax.linear_onecycle_schedule(steps, rate),
     "polynomial": lambda rate, final, steps: optax.polynomial_schedule(rate, final * rate, 2, steps),
-}
-
-Make = Callable[[optax.Schedule, TrainingSettings], optax.GradientTransformation]
-
-
-def _plain(make: Callable[..., optax.GradientTransformation]) -> Make:
-    return lambda rate, settings: make(rate)
-
-
-def _decaying(make: Callable[..., optax.GradientTransformation]) -> Make:
-    return lambda rate, settings: make(rate, weight_decay=settings.weight_decay)
-
-
-def _with_momentum(make: Callable[..., optax.GradientTransformation]) -> Make:
-    # None switches off; a momentum of 0 would keep a copy of the gradient for nothing.
-    return lambda rate, settings: make(rate, momentum=settings.momentum or None, nesterov=settings.nesterov)
-
-
-OPTIMIZERS: dict[str, Make] = {
-    **{
-        name: _plain(getattr(optax, name))
-        for name in (
-            "adabelief",
-            "adadelta",
-            "adafactor",
-            "adagrad",
-            "adam",
-            "adamax",
-            "amsgrad",
-            "nadam",
-            "radam",
-            "sign_sgd",
-            "yogi",
-        )
-    },
-    **{
-        name: _decaying(getattr(optax, name))
-        for name in ("adamaxw", "adamw", "adan", "lamb", "lion", "nadamw", "novograd")
-    },
-    **{name: _with_momentum(getattr(optax, name)) for name in ("rmsprop", "sgd")},
-    "lars": lambda rate, settings: optax.lars(
-        rate, weight_decay=settings.weight_decay, momentum=settings.momentum, nesterov=settings.nesterov
-    ),
 }
 
 
@@ -70,8 +27,15 @@ def make_schedule(settings: TrainingSettings, steps: int) -> optax.Schedule:
 
 
 def make_optimizer(settings: TrainingSettings, steps: int) -> optax.GradientTransformation:
-    """The optimiser for a training of `steps` steps."""
-    optimizer = OPTIMIZERS[settings.optimizer](make_schedule(settings, steps), settings)
+    """The optimiser for a training of `steps` steps: Optax's of that name, with what it takes of the settings."""
+    name, options = settings.optimizer, dict[str, float | bool | None]()
+    if name in WITH_WEIGHT_DECAY:
+        options["weight_decay"] = settings.weight_decay
+    if name in WITH_MOMENTUM:
+        # None switches off, but in lars; a momentum of 0 would keep a copy of the gradient for nothing.
+        options["momentum"] = settings.momentum if name == "lars" else settings.momentum or None
+        options["nesterov"] = settings.nesterov
+    optimizer: optax.GradientTransformation = getattr(optax, name)(make_schedule(settings, steps), **options)
     if settings.clip_norm is None:
         return optimizer
     return optax.chain(optax.clip_by_global_norm(settings.clip_norm), optimizer)

@@ -3,7 +3,7 @@
 import pathlib
 from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -39,6 +39,7 @@ VELOCITIES = {"label_kind": "velocity"}  # what errors are of, whatever is learn
 INLINE = partial(open_engine, "inline")
 
 
+@runtime_checkable
 class Inputs(Protocol):
     """The settings that a training reads; an Experiment has them."""
 

@@ -37,7 +37,9 @@ def test_starts_are_free_and_of_streams_of_their_own():
 
 
 def test_summary_counts_each_outcome_and_takes_quantiles_of_those_that_arrived():
-    followed = loops([ARRIVED] * 6 + [COLLIDED, COLLIDED, STALLED, TIMEOUT], np.linspace(-0.02, 0.07, 10), range(10))
+    followed = loops(
+        [ARRIVED] * 6 + [COLLIDED, COLLIDED, STALLED, TIMEOUT], np.linspace(-0.02, 0.07, 10), np.arange(10.0)
+    )
     found = summarise(followed, np.array([1.0, 1.1, 1.2, 1.3, 1.4, 1.5]), KinematicTestSettings())
     assert (found["field_arrived_rate"], found["field_collision_rate"]) == (0.6, 0.2)
     assert (found["field_stall_rate"], found["field_timeout_rate"]) == (0.1, 0.1)

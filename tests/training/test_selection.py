@@ -111,7 +111,7 @@ def test_early_stop_ends_with_a_checkpoint_and_stays_ended(policy, tmp_path):
     assert restore_checkpoint(tmp_path / "checkpoints", fitted.parameters).step == end
     calls = []
     again = fit(policy, *LABELS, settings, 3, tmp_path, lambda *call: calls.append(call))
-    assert calls == [(end, end, "training: done already")]
+    assert calls == [("fit", end, end, "done already")]
     assert again.compile_seconds == 0
     for a, b in zip(jax.tree.leaves(again.parameters), jax.tree.leaves(fitted.parameters), strict=True):
         assert np.array_equal(a, b)

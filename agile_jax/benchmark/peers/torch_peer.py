@@ -9,7 +9,6 @@ the shape of the widest layer.
 import json
 import sys
 import time
-from typing import Any
 
 import numpy as np
 
@@ -22,7 +21,7 @@ def main(path: str) -> None:
     count = int(data["layers"])
     rows, poses, labels = (torch.from_numpy(data[name]) for name in ("rows", "poses", "labels"))
     parameters = [(data[f"kernel_{i}"], data[f"bias_{i}"]) for i in range(count)]
-    layers: list[Any] = []
+    layers: list[object] = []
     for kernel, _ in parameters:
         layers += [torch.nn.Linear(*kernel.shape), torch.nn.Tanh()]
     network = torch.nn.Sequential(*layers[:-1])

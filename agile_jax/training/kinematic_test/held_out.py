@@ -86,7 +86,7 @@ class KinematicTest:
 
     def run(
         self, parameters: PolicyParameters, directory: pathlib.Path, engine: OpenEngine, progress: Progress = silent
-    ) -> dict[str, float | None]:
+    ) -> dict[str, int | float | None]:
         """The full test: writes `kinematic_test.npz` in `directory` and returns the `field_*` entries of the summary.
 
         A run may take twice the expert's time and three seconds, like an episode of the simulated robot.
@@ -132,7 +132,7 @@ def worst_rows(followed: Followed, ratio: Float[np.ndarray, " n"]) -> Int[np.nda
 
 def summarise(
     followed: Followed, ratios: Float[np.ndarray, " k"], settings: KinematicTestSettings
-) -> dict[str, float | None]:
+) -> dict[str, int | float | None]:
     """Rates over all starts; times over the expert's [-] of the k that arrived."""
 
     def over(values: Float[np.ndarray, " n"], quantile: float) -> float | None:
