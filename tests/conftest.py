@@ -17,6 +17,10 @@ CHECKED = [  # packages whose annotations, shapes too, are checked at every call
     "agile_jax.robot",
     "agile_jax.scene",
     "agile_jax.policy",
+    "agile_jax.dataset",
+    "agile_jax.store",
+    "agile_jax.pipeline",
+    "agile_jax.run_directory",
     "agile_jax.training",
 ]
 install_import_hook(CHECKED, "beartype.beartype")

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from agile_jax.runs import open_run
 
 from agile_jax import pipeline
 from agile_jax.dataset import load
@@ -20,7 +21,6 @@ from agile_jax.files import write_json
 from agile_jax.report.outdated import meta, summaries
 from agile_jax.report.page import page
 from agile_jax.run_directory import begun_record, finish_record, locked, stage_paths, stage_state
-from agile_jax.runs import open_run
 from agile_jax.scene import make_scene
 from agile_jax.settings import BadInput
 from agile_jax.training import load_policy

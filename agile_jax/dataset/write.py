@@ -76,7 +76,7 @@ def _rows(
         world = scene._replace(target=target)
         found = verify(world, expert, trajectory, start)
         if reason := rejection(found):
-            bad.append(f"trajectory {i}: {reason}")
+            bad.append(f"trajectory {i}: {reason.text}")
         residuals.append(found)
         bounds.append(lower_bound(start, facing(world, start).target, expert, expert.initial_velocity))
     if bad:

@@ -45,6 +45,9 @@ def read_npz(source: pathlib.Path | bytes) -> Arrays:
         if isinstance(file, np.ndarray):
             raise ValueError("one array, not an archive of named ones")
         with file:
-            return {name: file[name] for name in file.files}
+            arrays = {name: file[name] for name in file.files}
+        if not all(isinstance(array, np.ndarray) for array in arrays.values()):  # NumPy gives other members as bytes
+            raise ValueError("it holds something else than arrays")
+        return arrays
     except _DAMAGE as error:
         raise NpzError(f"unreadable ({type(error).__name__}: {' '.join(str(error).split())})") from None
