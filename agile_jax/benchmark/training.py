@@ -125,9 +125,8 @@ def benchmark_training(
         "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
         "software": {name: _version(name) for name in ("agile_jax", "jax", "jaxlib", "torch")},
         "metrics": as_json(_metrics(timings, work)),
-        "products": {
-            product.name: product.flops / float(np.median(product_seconds[product.name])) / 1e9 for product in products
-        },  # [GFLOP/s]
+        # [GFLOP/s]
+        "products": {p.name: p.flops / float(np.median(product_seconds[p.name])) / 1e9 for p in products},
     }
 
 

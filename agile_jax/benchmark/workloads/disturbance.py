@@ -58,10 +58,10 @@ class Draws(NamedTuple):
 
 def draw(episodes: int, seed: int) -> Draws:
     """The draws of episodes 0, 1, ..."""
-    streams = [np.random.default_rng((seed, streams.DISTURBANCES, episode)) for episode in range(episodes)]
+    generators = [np.random.default_rng((seed, streams.DISTURBANCES, episode)) for episode in range(episodes)]
     rows = [
         (rng.choice([-1.0, 1.0]), rng.uniform(0, 2 * np.pi), rng.uniform(*PUSH_WINDOW), rng.normal(size=12))
-        for rng in streams
+        for rng in generators
     ]
     sign, angle, begin, error = (np.array(column) for column in zip(*rows, strict=True))
     keys = np.stack([np.full(episodes, seed, np.uint32), np.arange(episodes, dtype=np.uint32)], -1)
