@@ -117,6 +117,11 @@ Call = Callable[..., tuple[int, str, str]]
             ["run", "good.toml", "--workers", "0", "--seed", "-1"],
             "--workers = 0: input should be greater than or equal to 1 command line: seed = -1",
         ),
+        (
+            ["run", "good.toml", "--training.epoch", "3", "--seed", "-1"],
+            "did you mean --training.epochs? command line: seed = -1",
+        ),
+        (["run", "good.toml", "--dataset.targets", "2", "0"], "--dataset.targets: is written as in a file, in quotes"),
         (["run", "blocked.toml"], "blocked.toml: scene.start: 0 of 10240 starts are free (mean [1.5, 0.0, 0.28, 0.0]"),
         (["plan", "good.toml", "--start", "1.5", "0", "0.28", "0"], "puts the torso inside obstacle 0"),
         (["plan", "good.toml", "--start", "0", "0", "9", "0"], "start z = 9 m is outside its bounds [0.155, 0.32] m"),

@@ -65,7 +65,7 @@ def parse_experiment(
         experiment = _try(lambda: load_experiment(path, overrides), errors)
     else:
         errors += in_file
-    if experiment is None or options is None:
+    if experiment is None or options is None or errors:
         raise BadInput("\n".join(errors))
     return Request(experiment, options, run_dir)
 
@@ -81,7 +81,7 @@ def parse_run_dir(command: str, model: type[Options], argv: Sequence[str]) -> tu
     if (not argv or argv[0].startswith("-")) and help_wanted(argv) is None:
         raise BadInput(f"which run directory? usage: {usage} [OPTIONS]; see `agile {command} --help`")
     options, _, errors = _read(usage, model, argv[1:] if argv[0][:1] != "-" else argv, [])
-    if options is None:
+    if options is None or errors:
         raise BadInput("\n".join(errors))
     return read_path(argv[0]), options
 
@@ -90,15 +90,15 @@ def _read(
     usage: str, model: type[Options], words: Sequence[str], settings: Sequence[Option]
 ) -> tuple[Options | None, dict[str, object], list[str]]:
     """The command's own options, the experiment's overrides, and what is wrong with them. Prints help."""
-    own, errors = list(options_of(model, {})), list[str]()
+    own = list(options_of(model, {}))
     if (wanted := help_wanted(words)) is not None:
         print(help_text(usage, own, settings, wanted))
         raise SystemExit(DONE)
-    given = _try(lambda: read_options(words, [*own, *settings]), errors) or {}
+    given, errors = read_options(words, [*own, *settings])
     overrides = {key: value for key, value in given.items() if key not in model.model_fields}
     mine = {key: value for key, value in given.items() if key in model.model_fields}
     make = partial(validate, model, mine, lambda key: "command line", lambda key: option_name(dotted(key)))
-    return None if errors else _try(make, errors), overrides, errors
+    return _try(make, errors), overrides, errors
 
 
 def _try(make: Callable[[], Result], errors: list[str]) -> Result | None:

@@ -60,9 +60,9 @@ def help_text(usage: str, own: Iterable[Option], settings: Sequence[Option], wan
 
 def _entry(option: Option) -> list[str]:
     """An option, its meaning and its value, wrapped between words."""
-    words = {bool: "", int: " INT", float: " FLOAT", pathlib.Path: " PATH"}
+    words = {dict: " TOML", bool: "", int: " INT", float: " FLOAT", pathlib.Path: " PATH"}
     form = next((word for kind, word in words.items() if kind in option.kinds), " WORD")
-    name = f"  {option_name(option.key)}{form}{' ...' if tuple in option.kinds else ''}"
+    name = f"  {option_name(option.key)}{form}{' ...' if tuple in option.kinds and dict not in option.kinds else ''}"
     values = option.value if isinstance(option.value, list | tuple) else [option.value]
     shown = " ".join(str(value) for value in values if isinstance(value, str | int | float | pathlib.Path))
     about = option.about + (f" One of: {', '.join(map(str, option.choices))}." if option.choices else "")

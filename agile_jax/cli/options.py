@@ -22,7 +22,7 @@ class Option(NamedTuple):
     """A field of a settings model."""
 
     key: str  # dotted: "training.learning_rate"
-    kinds: frozenset[object]  # every type in its annotation: {tuple, float, NoneType}
+    kinds: frozenset[object]  # every type in its annotation: {tuple, float, NoneType}; dict for arrays of arrays, too
     choices: tuple[object, ...]  # the words that are allowed; none where others are
     about: str  # meaning and unit
     value: object  # that holds where the option is not given
@@ -57,7 +57,9 @@ def options_of(model: type[BaseModel], held: BaseModel | Mapping[str, object], p
             for own in [type(item)] if isinstance(item, BaseModel) else [one for one in models if kind in tags(one)]:
                 yield from options_of(own, item, f"{key}.{i}.")
         parts = list(_parts(field.annotation))
-        kinds = frozenset(part for part in parts if isinstance(part, type))
+        kinds = frozenset(part for part in parts if isinstance(part, type)) | (
+            {dict} if parts.count(tuple) > 1 else set()
+        )
         choices = tuple(word for part in parts if get_origin(part) is Literal for word in get_args(part))
         yield Option(key, kinds, choices, " ".join((field.description or "").split()), value)
 
@@ -70,12 +72,8 @@ def _parts(annotation: object) -> Iterator[object]:
         yield from _parts(part)
 
 
-def read_options(words: Iterable[str], options: Iterable[Option]) -> dict[str, object]:
-    """The given values by dotted key.
-
-    Raises:
-        BadInput: all unknown options, all values that are missing or cannot be read, and words that belong to none.
-    """
+def read_options(words: Iterable[str], options: Iterable[Option]) -> tuple[dict[str, object], list[str]]:
+    """The given values by dotted key; and what is wrong: unknown options, values that are missing or cannot be read."""
     known = {option.key: option for option in options}
     waiting, given, errors = deque(words), dict[str, object](), list[str]()
     while waiting:
@@ -97,9 +95,7 @@ def read_options(words: Iterable[str], options: Iterable[Option]) -> dict[str, o
         else:
             near = difflib.get_close_matches(key, known, 1)
             errors.append(f"{written}: unknown option" + (f"; did you mean {option_name(near[0])}?" if near else ""))
-    if errors:
-        raise BadInput("\n".join(errors))
-    return given
+    return given, errors
 
 
 def _read(option: Option, words: list[str]) -> object:
@@ -114,6 +110,8 @@ def _read(option: Option, words: list[str]) -> object:
             return tomllib.loads(f"value = {' '.join(words)}")["value"]
         except tomllib.TOMLDecodeError as error:
             raise BadInput(f" = {' '.join(words)}: cannot be read as TOML ({error})") from None
+    if dict in option.kinds:
+        raise BadInput(": is written as in a file, in quotes: '[[1.0, 2.0], [3.0, 4.0]]'")
     if pathlib.Path in option.kinds:
         return read_path(words[0])
     values = words if option.takes_text else [_number(word) for word in words]
