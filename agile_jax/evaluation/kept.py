@@ -23,7 +23,7 @@ from agile_jax.settings import BadInput
 from agile_jax.simulation import Trace
 from agile_jax.store.npz import NpzError, read_npz, write_npz
 
-Columns = dict[str, Shaped[np.ndarray, "n ..."]]  # one entry an episode
+Columns = dict[str, Shaped[np.ndarray, "_ ..."]]  # one entry an episode
 
 KEPT = "kept"  # name of the folder of all evaluations of a run
 KEY_LENGTH = 12  # letters of a key in the name of its folder

@@ -9,7 +9,7 @@ from agile_jax.evaluation.statistics import wilson_interval
 from agile_jax.simulation import OUTCOME_NAMES
 
 
-def finite_or_none(value: float) -> float | None:
+def finite_or_none(value: float | np.floating) -> float | None:
     """JSON has no NaN: a quantity without a sample is null."""
     return float(value) if np.isfinite(value) else None
 
