@@ -78,7 +78,7 @@ class Expert(abc.ABC):
         """`solve` of checked arguments."""
 
 
-def _pose(name: str, values: PoseLike) -> np.ndarray:
+def _pose(name: str, values: object) -> np.ndarray:
     """A copy of a pose, shape (4,)."""
     try:
         pose = np.array(values, float)
