@@ -113,12 +113,12 @@ def shards(run_dir: pathlib.Path) -> dict[str, bytes]:
 
 def test_cluster_writes_the_same_bytes_as_this_process(cluster: Cluster, tmp_path: pathlib.Path) -> None:
     (tmp_path / "e.toml").write_text(f'extends = "{BASE}"\nname = "n"\n')
-    for name, engine in (("inline", "inline"), ("cluster", cluster.address)):
+    for name, engine in (("one/inline", "inline"), ("other/cluster", cluster.address)):
         done = agile("expert", "e.toml", *SMALL, "--engine", engine, "--run-dir", name, folder=tmp_path)
         assert done.returncode == 0, done.stderr
-    assert len(shards(tmp_path / "inline")) == 3
-    assert shards(tmp_path / "cluster") == shards(tmp_path / "inline")
-    assert '"workers": 2' in (tmp_path / "cluster/dataset/summary.json").read_text()
+    assert len(shards(tmp_path / "one/inline")) == 3
+    assert shards(tmp_path / "other/cluster") == shards(tmp_path / "one/inline")
+    assert '"workers": 2' in (tmp_path / "other/cluster/dataset/summary.json").read_text()
 
 
 def test_both_workers_work_and_killed_and_hung_ones_are_replaced(cluster: Cluster) -> None:

@@ -43,7 +43,7 @@ MOMENTS: dict[str, Callable[[pathlib.Path], bool]] = {  # in the order in which 
     "the expert times the starts": lambda run: older(run / "training/summary.json", 0.7),
     "the episodes run": lambda run: any(older(path, 3.0) for path in run.glob("evaluation/expert-times/part-*.npz")),
     "some episodes are done": lambda run: any(run.glob("evaluation/kept/*/episodes-*.npz")),
-    "the report has begun": lambda run: (run / "evaluation/stages/mujoco.json").exists(),
+    "the report has begun": lambda run: (run / "figures/stage.json").exists(),
     "the report draws": lambda run: any(run.glob("figures/outcomes_*.png")),
     "the video is encoded": lambda run: any(run.glob("videos/.*.tmp")),
 }
@@ -116,7 +116,7 @@ def assert_equal_runs(one: pathlib.Path, other: pathlib.Path) -> None:
 
 @pytest.mark.slow
 def test_a_run_killed_in_every_stage_ends_as_one_that_was_not(tmp_path: pathlib.Path) -> None:
-    whole, killed = tmp_path / "whole", tmp_path / "killed"
+    whole, killed = tmp_path / "one/whole", tmp_path / "other/killed"  # apart, so that they share nothing
     subprocess.run(command(whole, OPTIONS), check=True, capture_output=True)
     for name, moment in MOMENTS.items():
         assert kill_when(moment, killed, command(killed, OPTIONS)), f"the run ended before: {name}"

@@ -12,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from agile_jax.runs import open_run
 
 from agile_jax import pipeline
+from agile_jax.api.run import open_run
 from agile_jax.dataset import load
 from agile_jax.experiment import Experiment, load_experiment, with_overrides
 from agile_jax.files import write_json
