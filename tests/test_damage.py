@@ -10,9 +10,9 @@ from collections.abc import Callable
 
 import numpy as np
 import pytest
-from agile_jax.runs import open_run
 
 from agile_jax import pipeline
+from agile_jax.api.run import open_run
 from agile_jax.experiment import Experiment, load_experiment, with_overrides
 from agile_jax.run_directory import stage_state
 from agile_jax.settings import BadInput

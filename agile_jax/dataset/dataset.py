@@ -41,7 +41,7 @@ def accepted(arrays: Arrays) -> Bool[np.ndarray, " n"]:
     return arrays["solved"] & np.array([rejection(Residuals(*r)) is None for r in residuals], bool)
 
 
-def load(directory: pathlib.Path) -> Dataset:
+def load(directory: pathlib.Path | str) -> Dataset:
     """Load a finished dataset; every shard is checked against the manifest's sha256 before it is read.
 
     Raises:

@@ -23,7 +23,7 @@ SHORTEST = 0.1  # [s] below which a gap is relative to this
 
 
 def write(
-    directory: pathlib.Path,
+    directory: pathlib.Path | str,
     trajectories: Sequence[Trajectory],
     scene: SceneSettings,
     expert: ExpertSettings,

@@ -3,6 +3,7 @@
 import os
 import pathlib
 import re
+import runpy
 import subprocess
 import sys
 
@@ -70,10 +71,24 @@ def test_an_own_expert_labels_through_worker_processes(page: pathlib.Path) -> No
         np.testing.assert_allclose(way, along[:, None] * way[-1], atol=1e-9)  # straight lines
     assert "reused" in agile(page, *command).stdout
 
+    source = (page / "straight.py").read_text()
+    (page / "straight.py").write_text(source + "\n# edited\n")
+    edited = agile(page, *command)
+    (page / "straight.py").write_text(source)
+    assert edited.returncode == 2
+    assert re.search(r"made with other settings:\n.*plugin", edited.stderr)
+
     without = agile(page, *command[:2], *command[4:])
     assert without.returncode == 2
     assert "expert.kind = 'straight': must be one of 'minimum_time'" in without.stderr
     assert "--plugin MODULE" in without.stderr
+
+
+def test_labels_made_elsewhere(page: pathlib.Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(page)
+    runpy.run_path("elsewhere.py")
+    dataset = aj.dataset.load(page / "elsewhere" / "dataset")
+    np.testing.assert_allclose(dataset.starts, [(0.0, 0.0, 0.28, 0.0), (0.2, -1.0, 0.28, 0.3)])
 
 
 def test_another_version_of_a_plugin_has_another_key(page: pathlib.Path, tmp_path: pathlib.Path) -> None:
