@@ -115,12 +115,14 @@ def test_the_hash_of_an_experiment_is_that_of_its_canonical_json() -> None:
 def test_an_old_name_is_told_the_new_one(write: Write) -> None:
     old = write(
         "name = 'n'\n[expert]\nplanner = '2d'\nstarts = 'wide'\n[closed_loop]\nstarts = 9\n[dagger]\nrounds = 1\n"
+        "[training]\nloss = 'mse'\n"
     )
     assert set(message(old, {"dataset.target": "displacement", "expert.wide_padding": 1.0}).splitlines()) == {
         f"{old}: expert.planner: is called expert.dimensions now",
         f"{old}: expert.starts: is called dataset.starts now",
         f"{old}: closed_loop: is called kinematic_test now",
         f"{old}: dagger: is called aggregation now",
+        f"{old}: training.loss: is no setting any more: the loss is the mean squared error",
         "command line: dataset.target: is called dataset.label_kind now",
         "command line: expert.wide_padding: is called dataset.wide_padding now",
     }

@@ -32,6 +32,7 @@ from agile_jax.store.npz import write_npz
 
 if TYPE_CHECKING:
     from agile_jax.benchmark.workloads.throughput import Run, Workload
+    from agile_jax.training.precision import Precision
 
 TRAINING_TABLE = pathlib.Path(__file__).with_name("training.toml")  # what is measured when no experiment is given
 METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
@@ -73,7 +74,7 @@ def benchmark_training(
     """
     from agile_jax.benchmark.workloads import throughput
 
-    if steps < 1 or repetitions < 1:
+    if min(steps, repetitions) < 1:
         raise BadInput(f"steps = {steps} and repetitions = {repetitions} must be at least 1")
     if experiment.policy.activation != "tanh":
         raise BadInput(f'policy.activation = "{experiment.policy.activation}": this benchmark knows only "tanh"')
@@ -82,11 +83,8 @@ def benchmark_training(
     products = throughput.make_products(workload)
     product_seconds: dict[str, list[float]] = {product.name: [] for product in products}
     flops = steps * throughput.step_flops(workload)
-    methods = {
-        "ours_float32": _timed(compiled("float32")),
-        "ours_bfloat16": _timed(compiled("bfloat16")),
-        "plain_float32": _timed(compiled(None)),
-    }
+    kinds: dict[str, Precision | None] = {"ours_float32": "float32", "ours_bfloat16": "bfloat16", "plain_float32": None}
+    methods = {name: _timed(compiled(precision)) for name, precision in kinds.items()}
 
     def all_products() -> Timing:
         wall, cpu = time.perf_counter(), time.process_time()

@@ -1,4 +1,4 @@
-"""Settings that have another name than they had: an old name in a file or an override is one message with the new."""
+"""Settings that have another name than they had, or are gone: an old name in a file or an override is one message."""
 
 from collections.abc import Iterator, Mapping
 
@@ -18,14 +18,15 @@ MOVED = {
     "expert.wide_yaw_std": "dataset.wide_yaw_std",
     "expert.wide_padding": "dataset.wide_padding",
 }
+GONE = {"training.loss": "is no setting any more: the loss is the mean squared error"}
 
 
 def moved(values: Mapping[str, object]) -> Iterator[tuple[tuple[str, ...], str]]:
-    """The keys in an experiment's tables that have another name now: their place, and what to write instead."""
-    for old, new in MOVED.items():
+    """The keys in an experiment's tables that have another name now, or none: their place, and what to do."""
+    for old, told in ({name: f"is called {new} now" for name, new in MOVED.items()} | GONE).items():
         where = tuple(old.split("."))
         if _holds(values, where):
-            yield where, f"is called {new} now"
+            yield where, told
 
 
 def new_name(dotted: str) -> str | None:

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from agile_jax.policy.field import Field, PlainField, ResidualField
     from agile_jax.policy.kinds import make_policy
     from agile_jax.policy.network import Normalization, PolicyParameters, parameter_count
-    from agile_jax.policy.policy import Encoding, Policy
-    from agile_jax.policy.query import TrainedPolicy
+    from agile_jax.policy.policy import Encoding, Policy, TrainedPolicy
 
 __all__ = [
     "Encoding",
@@ -45,7 +44,6 @@ __getattr__ = lazy_names(
         "field": "Field PlainField ResidualField",
         "kinds": "make_policy",
         "network": "Normalization PolicyParameters parameter_count",
-        "policy": "Encoding Policy",
-        "query": "TrainedPolicy",
+        "policy": "Encoding Policy TrainedPolicy",
     },
 )

@@ -43,8 +43,8 @@ __all__ = [
 __getattr__ = lazy_names(
     __name__,
     {
-        "checkpoint": "load_policy",
-        "fit": "FitProblem Fitted Keeping fit_policy",
+        "checkpoint": "Keeping load_policy",
+        "fit": "FitProblem Fitted fit_policy",
         "kinematic_test.follow": "OUTCOMES Followed Follower follow make_follower",
         "noise_floor": "GammaTest gamma_test",
         "samples": "Samples",

@@ -14,6 +14,7 @@ import re
 import shutil
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import NamedTuple
 
 import jax
@@ -33,6 +34,23 @@ from agile_jax.training.metrics import Row
 
 Identity = Mapping[str, object]
 """What must be equal for a training to go on from a checkpoint, as JSON: settings, inputs (store/artefact.py)."""
+
+
+@dataclass(frozen=True)
+class Keeping:
+    """Where a training is kept: metrics.jsonl, tensorboard/, checkpoints/, finished.json.
+
+    Attributes:
+        directory: of them.
+        identity: of samples, policy, settings and seed, as JSON; a checkpoint of another identity is refused.
+    """
+
+    directory: pathlib.Path
+    identity: Identity
+
+    def inside(self, name: str, more: Mapping[str, object]) -> "Keeping":
+        """A folder in this one, for a training that also depends on `more`."""
+        return Keeping(self.directory / name, {**self.identity, **more})
 
 
 class Checkpoint(NamedTuple):

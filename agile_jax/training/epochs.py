@@ -25,17 +25,15 @@ from jaxtyping import Array, Float, Int, Int32, Key, PRNGKeyArray, PyTree
 from agile_jax.arrays import AnyArray
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Encoding, Policy
+from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.settings import BadInput
 from agile_jax.training.optimizer import make_optimizer
 from agile_jax.training.precision import Precision, products
-from agile_jax.training.samples import Samples
+from agile_jax.training.samples import SI, Samples, Unit
 from agile_jax.training.settings import TrainingSettings
 
 BLOCK = 4096  # samples evaluated at once
-SI = np.ones(1)  # unit of the loss: as the outputs are
 
-Unit = Float[np.ndarray, "4"] | Float[np.ndarray, "1"]
-"""In which errors are squared, by output or one for all [m/s, rad/s], or [m/s^2, rad/s^2] of a feedback law."""
 SplitRows = Callable[[jax.Array], jax.Array]
 """Asks that the last axis of an array of rows is split among the devices."""
 R = TypeVar("R")
@@ -139,6 +137,22 @@ def mean_squared_error(
         return jnp.where(row < count, square, 0.0).sum()
 
     return jax.lax.map(block_sum, rows).sum() / count
+
+
+@in_single_precision
+def error_on(policy: Policy, parameters: PolicyParameters, test: Samples, unit: Unit = SI) -> float:
+    """Mean squared error on samples, in `unit`."""
+
+    def error(parameters: PolicyParameters, encoded: EncodedSamples) -> jax.Array:
+        return mean_squared_error(policy, parameters, encoded, unit)
+
+    with jax.default_matmul_precision("float32"):
+        return float(jax.jit(error)(parameters, encode_samples(policy, test)))
+
+
+def of_seed(by_seed: PolicyParameters, number: int) -> PolicyParameters:
+    """The parameters of one seed."""
+    return jax.tree.map(lambda leaf: leaf[number], by_seed)
 
 
 def make_step(

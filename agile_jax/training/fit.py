@@ -6,9 +6,8 @@ was not killed (on a CPU; a GPU needs XLA's deterministic kernels for that). Not
 and the numbers do not depend on that.
 """
 
-import pathlib
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import partial
 from typing import NamedTuple
@@ -20,35 +19,28 @@ from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 
 from agile_jax.files import sha256
 from agile_jax.policy.network import PolicyParameters
-from agile_jax.policy.policy import Policy
-from agile_jax.policy.query import TrainedPolicy
+from agile_jax.policy.policy import Policy, TrainedPolicy
 from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
-from agile_jax.training.checkpoint import Checkpoint, Identity, restore_checkpoint, save_checkpoint
+from agile_jax.training.checkpoint import Checkpoint, Keeping, restore_checkpoint, save_checkpoint
 from agile_jax.training.epochs import (
-    SI,
     CompiledTraining,
     EncodedSamples,
     TrainState,
-    Unit,
     compile_training,
     device_sharding,
     encode_samples,
     mean_squared_error,
+    of_seed,
     steps_per_epoch,
 )
 from agile_jax.training.finished import CHECKPOINTS, FINISHED, write_finished
-from agile_jax.training.metrics import MetricsLog, Row
+from agile_jax.training.metrics import MetricsLog, Row, epoch_row
 from agile_jax.training.optimizer import make_optimizer, make_schedule
-from agile_jax.training.samples import Samples, check_samples
+from agile_jax.training.samples import SI, Samples, Unit, check_samples
 from agile_jax.training.selection import chosen_seed, kept_epochs, stops, validation_errors
 from agile_jax.training.settings import TrainingSettings
-
-REMEDY = (
-    "lower training.learning_rate, warm up (training.warmup), set training.clip_norm, "
-    'training.initialisation = "torch_uniform" or training.optimizer = "adam"'
-)
 
 
 class IntermediateTest(NamedTuple):
@@ -95,23 +87,6 @@ class FitProblem:
                 f"training.batch_size = {self.settings.batch_size} is larger than the {len(self.training.inputs)} "
                 "training samples; lower it or generate more trajectories"
             )
-
-
-@dataclass(frozen=True)
-class Keeping:
-    """Where a training is kept: metrics.jsonl, tensorboard/, checkpoints/, finished.json.
-
-    Attributes:
-        directory: of them.
-        identity: of samples, policy, settings and seed, as JSON; a checkpoint of another identity is refused.
-    """
-
-    directory: pathlib.Path
-    identity: Identity
-
-    def inside(self, name: str, more: Mapping[str, object]) -> "Keeping":
-        """A folder in this one, for a training that also depends on `more`."""
-        return Keeping(self.directory / name, {**self.identity, **more})
 
 
 class Fitted(NamedTuple):
@@ -271,7 +246,7 @@ def _epoch(problem: FitProblem, prepared: Prepared, position: _Position, compile
     start = time.perf_counter()
     state, losses = compiled.epoch(position.state, prepared.training, prepared.keys, number)
     validation = np.asarray(compiled.validation_error(state.parameters, prepared.validation))
-    row = _row(np.asarray(losses), validation, number)
+    row = epoch_row(np.asarray(losses), validation, number)
     schedule = make_schedule(settings, problem.steps * settings.epochs)
     row["learning_rate"] = float(schedule((number + 1) * problem.steps - 1))  # of the last step taken
     if problem.test is not None and (number + 1) % problem.test.every == 0:
@@ -305,40 +280,6 @@ def _outcome(problem: FitProblem, prepared: Prepared, position: _Position, compi
         compile_seconds=compile_seconds,
         rows=position.rows,
     )
-
-
-def _row(losses: Float[np.ndarray, "S steps"], validation: Float[np.ndarray, " S"], number: int) -> Row:
-    """The row of epoch `number`, from 0: means over the seeds. train_mse is the mean of the batches' errors, each
-    before its step.
-
-    Raises:
-        BadInput: a number is not finite.
-    """
-    seeds, steps = losses.shape
-    where = "" if seeds == 1 else " of one of the seeds"
-    if not np.isfinite(losses).all():
-        bad = number * steps + int(np.argmin(np.isfinite(losses).all(0))) + 1
-        raise BadInput(f"training diverged: the loss{where} at step {bad} (epoch {number + 1}) is not finite; {REMEDY}")
-    if not np.isfinite(validation).all():
-        raise BadInput(
-            f"training diverged: the validation error{where} after step {(number + 1) * steps} (epoch {number + 1}) "
-            f"is not finite; {REMEDY}"
-        )
-    means = losses.mean(1, dtype=np.float64)
-    row: Row = {
-        "epoch": number + 1,
-        "step": (number + 1) * steps,
-        "train_mse": float(means.mean()),
-        "validation_mse": float(validation.mean(dtype=np.float64)),
-    }
-    if seeds > 1:
-        row |= {"train_mse_by_seed": means.tolist(), "validation_mse_by_seed": validation.tolist()}
-    return row
-
-
-def of_seed(by_seed: PolicyParameters, number: int) -> PolicyParameters:
-    """The parameters of one seed."""
-    return jax.tree.map(lambda leaf: leaf[number], by_seed)
 
 
 @jax.jit

@@ -9,13 +9,20 @@ import json
 import pathlib
 from types import TracebackType
 
+import numpy as np
+from jaxtyping import Float
 from tensorboardX import SummaryWriter
 
 from agile_jax.files import write_atomic
+from agile_jax.settings import BadInput
 
 Row = dict[str, int | float | list[float]]
 """An epoch's line: epoch and step (from 1), errors [(m/s)^2, (rad/s)^2] and the learning rate of its last step; with
 several seeds their errors, too; where there was an intermediate test, what it found."""
+REMEDY = (
+    "lower training.learning_rate, warm up (training.warmup), set training.clip_norm, "
+    'training.initialisation = "torch_uniform" or training.optimizer = "adam"'
+)
 SCALARS = ("train_mse", "validation_mse", "learning_rate")
 
 
@@ -53,6 +60,35 @@ class MetricsLog:
         if self._file is not None and self._writer is not None:
             self._file.close()
             self._writer.close()
+
+
+def epoch_row(losses: Float[np.ndarray, "S steps"], validation: Float[np.ndarray, " S"], number: int) -> Row:
+    """The row of epoch `number`, from 0: means over the seeds. train_mse is the mean of the batches' errors, each
+    before its step.
+
+    Raises:
+        BadInput: a number is not finite.
+    """
+    seeds, steps = losses.shape
+    where = "" if seeds == 1 else " of one of the seeds"
+    if not np.isfinite(losses).all():
+        bad = number * steps + int(np.argmin(np.isfinite(losses).all(0))) + 1
+        raise BadInput(f"training diverged: the loss{where} at step {bad} (epoch {number + 1}) is not finite; {REMEDY}")
+    if not np.isfinite(validation).all():
+        raise BadInput(
+            f"training diverged: the validation error{where} after step {(number + 1) * steps} (epoch {number + 1}) "
+            f"is not finite; {REMEDY}"
+        )
+    means = losses.mean(1, dtype=np.float64)
+    row: Row = {
+        "epoch": number + 1,
+        "step": (number + 1) * steps,
+        "train_mse": float(means.mean()),
+        "validation_mse": float(validation.mean(dtype=np.float64)),
+    }
+    if seeds > 1:
+        row |= {"train_mse_by_seed": means.tolist(), "validation_mse_by_seed": validation.tolist()}
+    return row
 
 
 def _line(row: Row) -> str:

@@ -31,8 +31,7 @@ from jaxtyping import Bool, Float
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Policy
 from agile_jax.policy.single_precision import in_single_precision
-from agile_jax.training.epochs import SI, Unit
-from agile_jax.training.samples import Samples
+from agile_jax.training.samples import SI, Samples, Unit
 
 FEWEST = 3  # trajectories
 MEMORY = 16_000_000  # distances held at once

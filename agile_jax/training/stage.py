@@ -16,8 +16,7 @@ from agile_jax.expert import ExpertSettings
 from agile_jax.files import write_json
 from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.network import parameter_count
-from agile_jax.policy.policy import Policy
-from agile_jax.policy.query import TrainedPolicy
+from agile_jax.policy.policy import Policy, TrainedPolicy
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.progress import Progress, silent
@@ -26,12 +25,20 @@ from agile_jax.store.artefact import EPOCHS, covered, key
 from agile_jax.store.npz import write_npz
 from agile_jax.store.parts import OpenEngine
 from agile_jax.training.aggregation import Aggregation, Rounds, fit_rounds
-from agile_jax.training.fit import FitProblem, Fitted, Keeping, of_seed
+from agile_jax.training.checkpoint import Keeping
+from agile_jax.training.epochs import error_on, of_seed
+from agile_jax.training.fit import FitProblem, Fitted
 from agile_jax.training.kinematic_test.held_out import KinematicTest
 from agile_jax.training.noise_floor import noise_floor
-from agile_jax.training.samples import Samples, check_samples, policy_samples, trajectory_samples
+from agile_jax.training.samples import (
+    Samples,
+    Units,
+    check_samples,
+    make_units,
+    policy_samples,
+    trajectory_samples,
+)
 from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
-from agile_jax.training.units import Units, error_on, make_units
 
 SHOWN_ERRORS = 20_000
 FOLLOW_MARGIN = 4.0  # seconds beyond twice the longest label

@@ -110,8 +110,9 @@ elif __name__ == "__main__":  # in the process with four devices
     fit(policy, *labels, four, 3, root / "to four")
     with contextlib.suppress(StopError):
         fit(policy, *labels, four, 3, root / "to one", stop_halfway)
-    from agile_jax.training.epochs import SI, compile_training
+    from agile_jax.training.epochs import compile_training
     from agile_jax.training.fit import FitProblem, prepare
+    from agile_jax.training.samples import SI
 
     prepared = prepare(FitProblem(policy, *labels, four, 3))
     compiled = compile_training(policy, four, prepared.state, prepared.training, prepared.validation, prepared.keys, SI)

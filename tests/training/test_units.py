@@ -10,7 +10,7 @@ from agile_jax.dataset import DatasetSettings, labels, samples, split_mask
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.training import TrainingSettings
 from agile_jax.training.checkpoint import load_parameters
-from agile_jax.training.units import make_units
+from agile_jax.training.samples import make_units
 
 PLAIN = PolicySettings(kind="plain", hidden_layers=(16, 16))
 SETTINGS = TrainingSettings(batch_size=64, epochs=3)
