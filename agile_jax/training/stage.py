@@ -3,24 +3,23 @@
 import pathlib
 from collections.abc import Mapping
 from functools import partial
-from typing import NamedTuple, Protocol, runtime_checkable
+from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from agile_jax import plugins
-from agile_jax.dataset import Dataset, DatasetSettings, labels_to, load, split_mask
+from agile_jax.dataset import Dataset, labels_to, load, split_mask
 from agile_jax.engine import open_engine
-from agile_jax.expert import ExpertSettings
+from agile_jax.experiment import Experiment
 from agile_jax.files import write_json
 from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.network import parameter_count
 from agile_jax.policy.policy import Policy, TrainedPolicy
-from agile_jax.policy.settings import PolicySettings
 from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.progress import Progress, silent
-from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
+from agile_jax.scene import POSE_SIZE, make_scene
 from agile_jax.store.artefact import EPOCHS, covered, key
 from agile_jax.store.npz import write_npz
 from agile_jax.store.parts import OpenEngine
@@ -38,36 +37,11 @@ from agile_jax.training.samples import (
     policy_samples,
     trajectory_samples,
 )
-from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
 
 SHOWN_ERRORS = 20_000
 FOLLOW_MARGIN = 4.0  # seconds beyond twice the longest label
 VELOCITIES = {"label_kind": "velocity"}  # what errors are of, whatever is learned
 INLINE = partial(open_engine, "inline")
-
-
-@runtime_checkable
-class Inputs(Protocol):
-    """The settings that a training reads; an Experiment has them."""
-
-    @property
-    def seed(self) -> int: ...  # noqa: D102
-    @property
-    def scene(self) -> SceneSettings: ...  # noqa: D102
-    @property
-    def expert(self) -> ExpertSettings: ...  # noqa: D102
-    @property
-    def dataset(self) -> DatasetSettings: ...  # noqa: D102
-    @property
-    def policy(self) -> PolicySettings: ...  # noqa: D102
-    @property
-    def training(self) -> TrainingSettings: ...  # noqa: D102
-    @property
-    def kinematic_test(self) -> KinematicTestSettings: ...  # noqa: D102
-    @property
-    def aggregation(self) -> AggregationSettings: ...  # noqa: D102
-
-    def model_dump(self, *, mode: str) -> dict[str, object]: ...  # noqa: D102
 
 
 class _Task(NamedTuple):
@@ -83,7 +57,7 @@ class _Task(NamedTuple):
 
 
 def train(
-    experiment: Inputs, run_dir: pathlib.Path, engine: OpenEngine = INLINE, progress: Progress = silent
+    experiment: Experiment, run_dir: pathlib.Path, engine: OpenEngine = INLINE, progress: Progress = silent
 ) -> dict[str, object]:
     """Train the policy, or go on training it, and write metrics.jsonl, checkpoints/, finished.json, tensorboard/,
     kinematic_test.npz, test_errors.npz and summary.json in `training/` of the run directory.
@@ -109,7 +83,7 @@ def train(
 @in_single_precision
 def train_on(
     dataset: Dataset,
-    experiment: Inputs,
+    experiment: Experiment,
     directory: pathlib.Path,
     engine: OpenEngine = INLINE,
     progress: Progress = silent,
@@ -138,7 +112,7 @@ def train_on(
 
 def fit_dataset(
     dataset: Dataset,
-    experiment: Inputs,
+    experiment: Experiment,
     directory: pathlib.Path | None = None,
     engine: OpenEngine = INLINE,
     progress: Progress = silent,
@@ -163,7 +137,7 @@ def fit_dataset(
     return fit_rounds(task.problem, task.aggregation, keeping, progress).fitted
 
 
-def identity(dataset: Dataset, experiment: Inputs) -> dict[str, object]:
+def identity(dataset: Dataset, experiment: Experiment) -> dict[str, object]:
     """What a training's checkpoints depend on: the key, and the settings and inputs that tell differences apart."""
     settings = experiment.model_dump(mode="json")
     inputs = {"labels": dataset.dataset_hash}
@@ -173,7 +147,7 @@ def identity(dataset: Dataset, experiment: Inputs) -> dict[str, object]:
 
 
 @in_single_precision
-def _task(dataset: Dataset, experiment: Inputs, engine: OpenEngine) -> _Task:
+def _task(dataset: Dataset, experiment: Experiment, engine: OpenEngine) -> _Task:
     """Samples, units and tests of a training."""
     scene, expert, reading = make_scene(experiment.scene), experiment.expert, experiment.dataset
     dataset = labels_to(dataset, scene.target)
@@ -198,7 +172,7 @@ def _task(dataset: Dataset, experiment: Inputs, engine: OpenEngine) -> _Task:
     return _Task(policy, dataset, units, test, kinematic, problem, aggregation)
 
 
-def _errors(task: _Task, experiment: Inputs, fitted: Fitted) -> dict[str, object]:
+def _errors(task: _Task, experiment: Experiment, fitted: Fitted) -> dict[str, object]:
     """The errors and noise floors of the summary."""
     policy, parameters, reading = task.policy, fitted.parameters, experiment.dataset
     held_out = ~split_mask(task.dataset, "train", reading)
