@@ -61,9 +61,9 @@ def test_a_failed_trial_is_recorded_and_the_sweep_goes_on(tmp_path: pathlib.Path
 
 
 def test_a_metric_that_is_not_there_is_a_named_failure(tmp_path: pathlib.Path) -> None:
-    (trial,) = run_sweep(sweep({"seed": [0]}, "dataset.loss"), tmp_path, engine="inline")
+    (trial,) = run_sweep(sweep({"seed": [0]}, "dataset.branches.nowhere"), tmp_path, engine="inline")
     assert trial.status == "failed"
-    assert "has no loss; it has " in trial.cause
+    assert "has no branches.nowhere; it has " in trial.cause
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
