@@ -11,11 +11,13 @@ from jaxtyping import install_import_hook
 
 CHECKED = [  # packages whose annotations, shapes too, are checked at every call in these tests
     "agile_jax.report",
+    "agile_jax.control",
     "agile_jax.evaluation",
     "agile_jax.expert",
     "agile_jax.geometry",
     "agile_jax.robot",
     "agile_jax.scene",
+    "agile_jax.simulation",
     "agile_jax.policy",
     "agile_jax.dataset",
     "agile_jax.store",

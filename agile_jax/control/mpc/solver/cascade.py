@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int, PyTree
 
+from agile_jax.arrays import AnyArray
 from agile_jax.control.mpc.problem import MpcConstants, Qp
 from agile_jax.control.mpc.solver.cone_admm import Iterate, solve_cones
 from agile_jax.control.mpc.solver.limit_admm import solve_limits
@@ -146,7 +147,7 @@ def make_solver(constants: MpcConstants, settings: MpcSettings) -> Solver:
 
     @solve_one.def_vmap
     def solve_many(size: int, batched: PyTree, qps: ScaledQp, start: WarmStart) -> tuple[PyTree, PyTree]:
-        def last(values: jax.Array, has_batch: bool) -> jax.Array:
+        def last(values: AnyArray, has_batch: bool) -> jax.Array:
             if has_batch:
                 return jnp.moveaxis(values, 0, -1)
             return jnp.broadcast_to(values[..., None], (*values.shape, size))
