@@ -10,7 +10,7 @@ import pytest
 PACKAGE = pathlib.Path(__file__).parents[1] / "agile_jax"
 MODULES = sorted(PACKAGE.rglob("*.py"))
 
-LEAVES = {"settings", "arrays", "files", "geometry", "lazy", "plugins", "progress", "engine", "store"}
+LEAVES = {"settings", "arrays", "files", "geometry", "plugins", "progress", "engine", "store"}
 STAGES = ["scene", "expert", "dataset", "policy", "training", "robot", "control", "simulation", "evaluation", "report"]
 
 HOMES = {  # where a heavy library may be imported; folders and files of the package

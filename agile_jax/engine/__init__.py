@@ -6,18 +6,6 @@ so tasks must be idempotent. Workers are processes of one thread each; they hold
 they import for the expert loads JAX (episodes do, evaluation/episodes.py).
 """
 
-from agile_jax.engine.dask_engine import DaskEngine
-from agile_jax.engine.opening import THREADS, check_engine, open_engine
-from agile_jax.engine.tasks import Engine, InlineEngine, TaskFailure, TasksFailedError, describe
+import lazy_loader
 
-__all__ = [
-    "THREADS",
-    "DaskEngine",
-    "Engine",
-    "InlineEngine",
-    "TaskFailure",
-    "TasksFailedError",
-    "check_engine",
-    "describe",
-    "open_engine",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

@@ -18,38 +18,6 @@ and needs the general program for every label.
 Importing this package loads neither CasADi nor JAX.
 """
 
-from agile_jax.expert.expert import Expert
-from agile_jax.expert.feasible_poses import check_start, check_target, check_targets, pose_errors
-from agile_jax.expert.kinds import make_expert
-from agile_jax.expert.limits import MotionLimits
-from agile_jax.expert.planar_comparison import Comparison, compare_planners
-from agile_jax.expert.search.minimum_time import lower_bound, minimum_time
-from agile_jax.expert.settings import ExpertSettings, InitialVelocity
-from agile_jax.expert.solution import CERTIFIED, ExpertSolution, Residuals, Trajectory
-from agile_jax.expert.space.regions import planning_margin
-from agile_jax.expert.verify import Rejection, integrate, rejection, verify
+import lazy_loader
 
-__all__ = [
-    "CERTIFIED",
-    "Comparison",
-    "Expert",
-    "ExpertSettings",
-    "ExpertSolution",
-    "InitialVelocity",
-    "MotionLimits",
-    "Rejection",
-    "Residuals",
-    "Trajectory",
-    "check_start",
-    "check_target",
-    "check_targets",
-    "compare_planners",
-    "integrate",
-    "lower_bound",
-    "make_expert",
-    "minimum_time",
-    "planning_margin",
-    "pose_errors",
-    "rejection",
-    "verify",
-]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

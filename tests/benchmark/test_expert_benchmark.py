@@ -16,8 +16,7 @@ from agile_jax.benchmark.peers.peer_path import PeerPath, dense_poses, integrate
 from agile_jax.benchmark.peers.rockit_peer import make_rockit_peer, rockit_is_installed
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
-from agile_jax.expert import ExpertSettings, make_expert, minimum_time, verify
-from agile_jax.expert import integrate as integrate_label
+from agile_jax.expert import ExpertSettings, integrate as integrate_label, make_expert, minimum_time, verify
 from agile_jax.expert.verify import dense_poses as dense_label
 from agile_jax.scene import SceneSettings, clearance, make_scene
 

@@ -7,8 +7,7 @@ import jax
 import numpy as np
 import pytest
 from synthetic import LIMITS, SMALL, table_scene
-from test_stage import EXPERT, SCENE, straight_lines
-from test_stage import run as run_stage
+from test_stage import EXPERT, SCENE, run as run_stage, straight_lines
 
 from agile_jax.dataset import DatasetSettings, samples
 from agile_jax.policy import make_policy

@@ -1,0 +1,13 @@
+"""Names that the package offers; `__init__.py` loads each when it is first used."""
+
+from .body import Reference as Reference
+from .controller import (
+    ControllerState as ControllerState,
+    MpcController as MpcController,
+    make_controller as make_controller,
+    make_mpc_controller as make_mpc_controller,
+)
+from .diagnostics import Counts as Counts, Diagnostics as Diagnostics, no_diagnostics as no_diagnostics
+from .interface import Controller as Controller
+from .precision import as_float32 as as_float32, in_float32 as in_float32
+from .settings import ControlSettings as ControlSettings, GaitSettings as GaitSettings, MpcSettings as MpcSettings

@@ -1,0 +1,18 @@
+"""Names that the package offers; `__init__.py` loads each when it is first used."""
+
+from .dataset import (
+    SPLITS as SPLITS,
+    Dataset as Dataset,
+    Split as Split,
+    labels as labels,
+    labels_to as labels_to,
+    load as load,
+    samples as samples,
+    split_mask as split_mask,
+)
+from .expert_time import ExpertTimes as ExpertTimes, expert_times as expert_times, time_limit as time_limit
+from .generate import IncompleteDatasetError as IncompleteDatasetError, generate as generate
+from .queries import Answers as Answers, ask as ask
+from .settings import DatasetSettings as DatasetSettings
+from .starts import unseen_starts as unseen_starts
+from .write import write as write

@@ -1,0 +1,7 @@
+"""Names that the package offers; `__init__.py` loads each when it is first used."""
+
+from .backend import check_devices as check_devices
+from .comparison import compare as compare
+from .settings import EvaluationSettings as EvaluationSettings
+from .single import rollout_one as rollout_one
+from .statistics import mcnemar_p_value as mcnemar_p_value, wilson_interval as wilson_interval

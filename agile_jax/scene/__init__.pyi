@@ -1,0 +1,30 @@
+"""Names that the package offers; `__init__.py` loads each when it is first used."""
+
+from .heading import (
+    facing as facing,
+    pose_error as pose_error,
+    turns_freely as turns_freely,
+    yaw_between_bounds as yaw_between_bounds,
+)
+from .scene import (
+    BOX_FACES as BOX_FACES,
+    POSE_SIZE as POSE_SIZE,
+    PoseLike as PoseLike,
+    Scene as Scene,
+    clearance as clearance,
+    make_scene as make_scene,
+    obstacle_boxes as obstacle_boxes,
+    obstacle_clearances as obstacle_clearances,
+    planar_scene as planar_scene,
+)
+from .settings import (
+    POSE_NAMES as POSE_NAMES,
+    Box as Box,
+    BoxSettings as BoxSettings,
+    ObstacleSettings as ObstacleSettings,
+    SceneSettings as SceneSettings,
+    StartSettings as StartSettings,
+    TableSettings as TableSettings,
+)
+from .starts import Starts as Starts, sample_starts as sample_starts
+from .tolerance import arrival_time as arrival_time, within_tolerance as within_tolerance
