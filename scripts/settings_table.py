@@ -34,12 +34,15 @@ WITH: dict[str, dict[str, object]] = {  # what other settings must be for one to
 EFFECT = {"": "–", "key": "anew", "amount": "grows"}
 HEAD = """# What each setting changes
 
-*anew*: the artefact has another key, so it is made anew (what is there is refused, moved aside or kept beside it,
-never mixed). *grows*: the key stays; what exists is kept, what is missing is made. *–*: nothing. An artefact is also
-made anew when one that it is made from changes. Made by `scripts/settings_table.py`; tested.
+- *anew*: the artefact has another key, so it is made anew. What is there is refused, moved aside or
+  kept beside it, never mixed.
+- *grows*: the key stays. What exists is kept, what is missing is made.
+- *–*: nothing.
 
-Expert times and answers are kept by start, so what decides on the starts (the seed, `scene.start`) asks for others and
-keeps those that are there. Of `robot.name` it is the compiled model that counts, not the path.
+An artefact is also made anew when one that it is made from changes. Expert times and answers are
+kept by start: what decides on the starts (the seed, `scene.start`) asks for others and keeps those
+that are there. Of `robot.name` the compiled model counts, not the path.
+`scripts/settings_table.py` makes this page, and a test compares the two.
 """
 
 
