@@ -9,11 +9,11 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Literal, NamedTuple
 
+from agile_jax import dataset, evaluation, report, training
 from agile_jax.engine import check_engine, open_engine
 from agile_jax.experiment import STAGES, Experiment
 from agile_jax.files import check_folder, read_json, remove_torn
 from agile_jax.progress import Progress, silent, within
-from agile_jax.report import mark_outdated
 from agile_jax.run_directory import (
     State,
     begun_record,
@@ -85,9 +85,7 @@ def run(
     check_engine(engine, workers)
     check_folder(run_dir)
     if "evaluation" in stages and (experiment.evaluation.devices > 1 or experiment.evaluation.backend == "mjx-warp"):
-        from agile_jax.evaluation import check_devices  # loads JAX
-
-        check_devices(experiment.evaluation)
+        evaluation.check_devices(experiment.evaluation)
     if not overwrite:
         refuse_other_settings(run_dir, experiment, tuple(stages))
     folder = {"beside": run_dir.absolute().parent / ".store", "none": None}[store] if isinstance(store, str) else store
@@ -155,15 +153,13 @@ def _run_stage(
         return StageResult(stage, True, paths.summary, _summary(paths.summary))
     if state == "other settings":
         move_aside(paths.folder)
-        if (run_dir / "evaluation").exists():  # of the policy that has just gone
-            move_aside(run_dir / "evaluation")
     write_record(paths.record, begun_record(run_dir, experiment, stage))
     _WORK[stage](experiment, run_dir, open_engine, within(stage, progress))
     check_held()
     if not paths.summary.is_file():
         raise OSError(f"{paths.summary}: is gone; the same command makes it anew")
     finish_record(run_dir, experiment, stage)
-    mark_outdated(run_dir)  # a report tells of what was there
+    report.mark_outdated(run_dir)  # a report tells of what was there
     return StageResult(stage, False, paths.summary, _summary(paths.summary))
 
 
@@ -171,41 +167,11 @@ def _summary(path: pathlib.Path) -> Mapping[str, object]:
     return read_json(path) or {} if path.suffix == ".json" else {}
 
 
-def _dataset(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.dataset import generate
-
-    generate(
-        experiment.scene,
-        experiment.expert,
-        experiment.dataset,
-        experiment.seed,
-        run_dir / "dataset",
-        open_engine,
-        progress,
-    )
-
-
-def _training(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.training import train
-
-    train(experiment, run_dir, open_engine, progress)
-
-
-def _evaluation(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.evaluation.stage import stage
-
-    stage(experiment, run_dir, open_engine, progress)
-
-
-def _report(experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress) -> None:
-    from agile_jax.report import write_report
-
-    write_report(experiment, run_dir, open_engine, progress)
-
-
 _WORK: dict[str, Stage] = {
-    "dataset": _dataset,
-    "training": _training,
-    "evaluation": _evaluation,
-    "report": _report,
+    "dataset": lambda e, run_dir, engine, progress: dataset.generate(
+        e.scene, e.expert, e.dataset, e.seed, run_dir / "dataset", engine, progress
+    ),
+    "training": lambda e, run_dir, engine, progress: training.train(e, run_dir, engine, progress),
+    "evaluation": lambda e, run_dir, engine, progress: evaluation.evaluate(e, run_dir, engine, progress),
+    "report": lambda e, run_dir, engine, progress: report.write_report(e, run_dir, progress),
 }

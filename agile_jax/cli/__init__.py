@@ -10,7 +10,8 @@ from collections.abc import Sequence
 
 from agile_jax.cli.environment import check_opengl, prepare_libraries, use_one_thread
 from agile_jax.cli.exit_codes import BAD_INPUT, DONE, FAILED, INTERRUPTED, TERMINATED
-from agile_jax.cli.overview import COMMANDS, overview
+from agile_jax.cli.overview import COMMANDS, LAST_STAGE, overview
+from agile_jax.engine import TasksFailedError
 from agile_jax.interruption import Interrupted
 from agile_jax.settings import BadInput
 
@@ -46,6 +47,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         where = f"{error.filename}: " if error.filename else ""
         return _say(f"{where}{error.strerror or error}; what was finished is kept, {resume}", FAILED)
+    except TasksFailedError as error:
+        return _say(str(error), FAILED)
     except RuntimeError as error:
         if type(error).__name__ not in DEVICE_ERRORS:
             raise
@@ -75,7 +78,7 @@ def _dispatch(name: str, argv: list[str]) -> int:
     argv = _load_plugins(argv)
     from agile_jax.cli import commands
 
-    code: int = getattr(commands, name)(argv)
+    code: int = commands.run_stages(name, argv) if name in LAST_STAGE else getattr(commands, name)(argv)
     return code
 
 

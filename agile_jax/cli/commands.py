@@ -7,13 +7,14 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 
+from agile_jax import pipeline
 from agile_jax.cli.arguments import EITHER, parse_experiment, parse_run_dir
 from agile_jax.cli.exit_codes import DONE, FAILED
+from agile_jax.cli.overview import LAST_STAGE
 from agile_jax.cli.results import number, print_wrapped, result_lines
-from agile_jax.engine import TasksFailedError, check_engine
+from agile_jax.engine import check_engine
 from agile_jax.files import check_folder
 from agile_jax.interruption import interruptible, persistent
-from agile_jax.pipeline import failures, stages_up_to
 from agile_jax.progress import Progress, shown
 from agile_jax.settings import BadInput, Count, Pose, Settings
 
@@ -64,29 +65,42 @@ class ExportOptions(Settings):
     """The folder; RUN_DIR/export if not given."""
 
 
-def run(argv: list[str]) -> int:
-    """`agile run`: all stages."""
-    return _run_stages("run", "report", argv)
+def run_stages(command: str, argv: list[str]) -> int:
+    """`agile run`, `expert`, `train`, `evaluate`, `report`: the stages up to the one that the command makes."""
+    experiment, options, named = parse_experiment(command, RunOptions, argv, takes=EITHER)
+    check_engine(options.engine, options.workers)
+    run_dir = options.run_dir or named or pathlib.Path("runs") / experiment.name
+    check_folder(run_dir)
+    stages = pipeline.stages_up_to(LAST_STAGE[command])
+    if options.dry_run:
+        if not options.overwrite:
+            pipeline.refuse_other_settings(run_dir, experiment, stages)
+        print(f"{experiment.name} in {run_dir}:")
+        for stage, intent in pipeline.forecast(experiment, run_dir, stages).items():
+            print(f"  {stage:<12}{intent}")
+        return DONE
+    with _progress() as progress:
+        results = pipeline.run(
+            experiment,
+            run_dir,
+            stages,
+            engine=options.engine,
+            workers=options.workers,
+            overwrite=options.overwrite,
+            store=options.store or "beside",
+            progress=progress,
+        )
+    for line in result_lines(results):
+        print_wrapped(line)
+    if "report" in results:
+        from agile_jax.report import rendering_notes
 
-
-def expert(argv: list[str]) -> int:
-    """`agile expert`: the dataset."""
-    return _run_stages("expert", "dataset", argv)
-
-
-def train(argv: list[str]) -> int:
-    """`agile train`: the policy, after what it needs."""
-    return _run_stages("train", "training", argv)
-
-
-def evaluate(argv: list[str]) -> int:
-    """`agile evaluate`: episodes, after what they need."""
-    return _run_stages("evaluate", "evaluation", argv)
-
-
-def report(argv: list[str]) -> int:
-    """`agile report`: the report, after what it needs."""
-    return _run_stages("report", "report", argv)
+        for note in rendering_notes(run_dir):
+            print(note, file=sys.stderr)
+    found = pipeline.failures(results)
+    for failure in found:
+        print(failure, file=sys.stderr)
+    return FAILED if found else DONE
 
 
 def sweep(argv: list[str]) -> int:
@@ -201,49 +215,6 @@ def schema(argv: list[str]) -> int:
         raise BadInput(f"schema takes no arguments, not {' '.join(argv)}")
     print(json.dumps(json_schema(), indent=2))
     return DONE
-
-
-def _run_stages(command: str, last: str, argv: list[str]) -> int:
-    from agile_jax import pipeline
-
-    experiment, options, named = parse_experiment(command, RunOptions, argv, takes=EITHER)
-    check_engine(options.engine, options.workers)
-    run_dir = options.run_dir or named or pathlib.Path("runs") / experiment.name
-    check_folder(run_dir)
-    stages = stages_up_to(last)
-    if options.dry_run:
-        if not options.overwrite:
-            pipeline.refuse_other_settings(run_dir, experiment, stages)
-        print(f"{experiment.name} in {run_dir}:")
-        for stage, intent in pipeline.forecast(experiment, run_dir, stages).items():
-            print(f"  {stage:<12}{intent}")
-        return DONE
-    with _progress() as progress:
-        try:
-            results = pipeline.run(
-                experiment,
-                run_dir,
-                stages,
-                engine=options.engine,
-                workers=options.workers,
-                overwrite=options.overwrite,
-                store=options.store or "beside",
-                progress=progress,
-            )
-        except TasksFailedError as error:
-            print(f"agile: {error}", file=sys.stderr)
-            return FAILED
-    for line in result_lines(results):
-        print_wrapped(line)
-    if "report" in results:
-        from agile_jax.report import rendering_notes
-
-        for note in rendering_notes(run_dir):
-            print(note, file=sys.stderr)
-    found = failures(results)
-    for failure in found:
-        print(failure, file=sys.stderr)
-    return FAILED if found else DONE
 
 
 @contextmanager

@@ -14,6 +14,13 @@ COMMANDS = {  # name: (arguments, what it does)
     "benchmark": ("SUBJECT [EXPERIMENT.toml]", "speed and quality against the peers"),
     "schema": ("", "the JSON schema of experiment files"),
 }
+LAST_STAGE = {  # by the command that makes it, after what it needs
+    "expert": "dataset",
+    "train": "training",
+    "evaluate": "evaluation",
+    "report": "report",
+    "run": "report",
+}
 
 
 def overview() -> str:

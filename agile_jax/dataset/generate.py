@@ -21,10 +21,9 @@ from agile_jax.dataset.dataset import load, read_manifest
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.shard import SCHEMA, LabelSettings, ShardTask, labels_at, make_shard
 from agile_jax.dataset.summary import summarise
-from agile_jax.engine import TasksFailedError
 from agile_jax.expert import ExpertSettings
 from agile_jax.expert.feasible_poses import check_targets
-from agile_jax.files import hash_json, sha256, write_json
+from agile_jax.files import hash_json, read_json, sha256, write_json
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.settings import BadInput
@@ -48,10 +47,6 @@ UNITS = {
 OWN_FILES = {"manifest.json", "summary.json", "timing.json", "quarantine", "stage.json"}
 
 logger = logging.getLogger(__name__)
-
-
-class IncompleteDatasetError(TasksFailedError):
-    """Some shards could not be made; the others are kept. The text names them."""
 
 
 def shard_time_limit(settings: LabelSettings) -> float:
@@ -79,7 +74,7 @@ def generate(
 
     Raises:
         BadInput: a target keeps less than the expert's margin.
-        IncompleteDatasetError: tasks failed.
+        TasksFailedError: some shards could not be made; the others are kept.
         OSError: the disk is full or cannot be written; what is there stays valid.
     """
     check_targets(make_scene(scene_settings), expert_settings, dataset_settings.targets)
@@ -94,10 +89,7 @@ def generate(
     def task(numbers: np.ndarray) -> ShardTask:
         return ShardTask(settings, tuple(labels.items[numbers].tolist()))
 
-    try:
-        complete(labels, make_shard, task, engine, shard_time_limit(settings), progress, "trajectories")
-    except TasksFailedError as error:
-        raise IncompleteDatasetError(str(error)) from None
+    complete(labels, make_shard, task, engine, shard_time_limit(settings), progress, "trajectories")
     manifest = {"seed": seed, "source": "expert", "settings": covered(LABELS, settings.tables())}
     return commit(directory, labels, manifest, beyond)
 
@@ -190,9 +182,5 @@ def _tidy(directory: pathlib.Path, labels: Parts) -> dict[str, str]:
 
 
 def _write_if_changed(path: pathlib.Path, value: dict[str, object]) -> None:
-    try:
-        same = json.loads(path.read_text()) == json.loads(json.dumps(value))
-    except (OSError, ValueError):
-        same = False
-    if not same:
+    if read_json(path) != json.loads(json.dumps(value)):
         write_json(path, value)

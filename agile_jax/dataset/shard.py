@@ -7,16 +7,16 @@ Solve times are therefore not inside. Failed labels are kept with their cause; t
 import pathlib
 import time
 from collections.abc import Mapping
-from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from jaxtyping import Float
 
+from agile_jax.dataset.expert_time import expert_of
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.starts import draw_start
-from agile_jax.expert import Expert, ExpertSettings, ExpertSolution, Residuals, make_expert
-from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, make_scene
+from agile_jax.expert import ExpertSettings, ExpertSolution, Residuals
+from agile_jax.scene import POSE_SIZE, SceneSettings, make_scene
 from agile_jax.store.artefact import LABELS, key
 from agile_jax.store.npz import Arrays
 from agile_jax.store.parts import Made, Parts
@@ -89,18 +89,11 @@ def labels_at(
     )
 
 
-@lru_cache(maxsize=2)
-def _expert(scene: SceneSettings, settings: ExpertSettings) -> tuple[Scene, Expert]:
-    """One expert a process: building its solvers takes as long as several labels."""
-    made = make_scene(scene)
-    return made, make_expert(made, settings)
-
-
 def make_shard(task: ShardTask) -> Made:
     """Draw the starts of some labels and solve them. Runs in a worker."""
     began = time.perf_counter()
     settings = task.settings
-    scene, expert = _expert(settings.scene, settings.expert)
+    scene, expert = make_scene(settings.scene), expert_of(settings.scene, settings.expert)
     solutions: list[ExpertSolution] = []
     starts, targets, accounts = [], [], []
     for i in task.indices:

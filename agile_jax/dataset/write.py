@@ -8,9 +8,10 @@ from jaxtyping import Float
 
 from agile_jax.dataset.generate import commit
 from agile_jax.dataset.settings import DatasetSettings
-from agile_jax.dataset.shard import BRANCH_LENGTH, CAUSE_LENGTH, METHOD_LENGTH, LabelSettings, labels_at
+from agile_jax.dataset.shard import LabelSettings, labels_at, rows_of
 from agile_jax.expert import ExpertSettings, Trajectory, lower_bound, rejection, verify
-from agile_jax.expert.solution import Residuals
+from agile_jax.expert.own import effort
+from agile_jax.expert.solution import solved
 from agile_jax.files import sha256
 from agile_jax.scene import POSE_SIZE, Scene, SceneSettings, facing, make_scene
 from agile_jax.settings import BadInput
@@ -19,7 +20,6 @@ from agile_jax.store.npz import Arrays, npz_bytes
 from agile_jax.store.parts import Made
 
 SHOWN = 5  # trajectories that a message names
-SHORTEST = 0.1  # [s] below which a gap is relative to this
 
 
 def write(
@@ -70,45 +70,22 @@ def _rows(
     shapes = {tuple(np.shape(array) for array in trajectory) for trajectory in trajectories}
     if len(shapes) > 1:
         raise BadInput(f"trajectories must have one number of intervals; their arrays have the shapes {sorted(shapes)}")
-    residuals, bounds, bad = [], [], []
-    for i, (trajectory, target) in enumerate(zip(trajectories, targets, strict=True)):
-        start = np.asarray(trajectory.states[0, :POSE_SIZE], float)
-        world = scene._replace(target=target)
-        found = verify(world, expert, trajectory, start)
-        if reason := rejection(found):
+    solutions, bad = [], []
+    for i, (given, target) in enumerate(zip(trajectories, targets, strict=True)):
+        path = Trajectory(*(np.asarray(array, float) for array in given))
+        start, world = path.states[0, :POSE_SIZE], scene._replace(target=target)
+        residuals = verify(world, expert, path, start)
+        if reason := rejection(residuals):
             bad.append(f"trajectory {i}: {reason.text}")
-        residuals.append(found)
-        bounds.append(lower_bound(start, facing(world, start).target, expert, expert.initial_velocity))
+        bound = lower_bound(start, facing(world, start).target, expert, expert.initial_velocity)
+        objective = float(path.times[-1]) + expert.effort_weight * effort(path, expert.limits.acceleration)
+        solutions.append(solved(path, residuals, bound, ELSEWHERE, objective, ELSEWHERE, ()))
     if bad:
         more = f"\nand {len(bad) - SHOWN} others" if len(bad) > SHOWN else ""
         raise BadInput("\n".join(bad[:SHOWN]) + more)
-    times, states, controls = (np.stack([np.asarray(t[i], float) for t in trajectories]) for i in range(3))
-    duration, bound, count = times[:, -1], np.array(bounds), len(trajectories)
     return {
-        "start": states[:, 0, :POSE_SIZE],
+        "start": np.array([one.trajectory.states[0, :POSE_SIZE] for one in solutions]),
         "target": targets,
-        "draws": np.tile(np.array([1, 0, 0], np.int64), (count, 1)),
-        "times": times,
-        "states": states,
-        "controls": controls,
-        "solved": np.ones(count, bool),
-        "branch": np.full(count, ELSEWHERE, f"U{BRANCH_LENGTH}"),
-        "method": np.full(count, ELSEWHERE, f"U{METHOD_LENGTH}"),
-        "cause": np.full(count, "", f"U{CAUSE_LENGTH}"),
-        "duration": duration,
-        "lower_bound": bound,
-        "gap": (duration - bound) / np.maximum(bound, SHORTEST),
-        "objective": duration + expert.effort_weight * _effort(times, controls, np.array(expert.acceleration)),
-        **{name: np.array([getattr(found, name) for found in residuals], float) for name in Residuals._fields},
+        "draws": np.tile(np.array([1, 0, 0], np.int64), (len(solutions), 1)),
+        **rows_of(solutions),
     }
-
-
-def _effort(
-    times: Float[np.ndarray, "n nodes"], controls: Float[np.ndarray, "n controls 4"], limits: Float[np.ndarray, "4"]
-) -> Float[np.ndarray, " n"]:
-    """The integral of the sum of squared accelerations over their bounds [s]."""
-    steps, share = np.diff(times), controls / limits
-    if share.shape[1] == steps.shape[1]:
-        return ((share**2).sum(-1) * steps).sum(-1)
-    here, there = share[:, :-1], share[:, 1:]
-    return ((here**2 + here * there + there**2).sum(-1) / 3 * steps).sum(-1)

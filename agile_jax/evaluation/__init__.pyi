@@ -4,4 +4,5 @@ from .backend import check_devices as check_devices
 from .comparison import compare as compare
 from .settings import EvaluationSettings as EvaluationSettings
 from .single import rollout_one as rollout_one
+from .stage import evaluate as evaluate
 from .statistics import mcnemar_p_value as mcnemar_p_value, wilson_interval as wilson_interval

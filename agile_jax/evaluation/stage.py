@@ -45,7 +45,7 @@ def episodes_key(experiment: Experiment, parameters: PyTree) -> str:
     return key(EPISODES, experiment.model_dump(mode="json"), {"epochs": digest.hexdigest()}, foreign)
 
 
-def stage(
+def evaluate(
     experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress = silent
 ) -> dict[str, object]:
     """Simulate the episodes that are missing and write `evaluation/<backend>.json`, `.npz` and `-traces.npz`.

@@ -1,18 +1,9 @@
 """Honest intervals and tests of success rates."""
 
-from typing import NamedTuple
-
 from scipy import stats
 
 
-class Interval(NamedTuple):
-    """A confidence interval."""
-
-    low: float
-    high: float
-
-
-def wilson_interval(successes: int, trials: int) -> Interval:
+def wilson_interval(successes: int, trials: int) -> tuple[float, float]:
     """The 95 % Wilson score interval of a binomial proportion (Wilson 1927).
 
     Unlike the normal approximation it stays inside [0, 1] and is not empty at 0 or `trials` successes.
@@ -21,7 +12,7 @@ def wilson_interval(successes: int, trials: int) -> Interval:
         ValueError: no trials, or more successes than trials.
     """
     interval = stats.binomtest(successes, trials).proportion_ci(0.95, "wilson")
-    return Interval(float(interval.low), float(interval.high))
+    return float(interval.low), float(interval.high)
 
 
 def mcnemar_p_value(only_first: int, only_second: int) -> float:

@@ -1,5 +1,6 @@
 """Experiment files as plain tables: TOML, inheritance through `extends`, overrides, and each key's origin."""
 
+import copy
 import difflib
 import pathlib
 import tomllib
@@ -58,7 +59,7 @@ def override(table: Table, overrides: Mapping[str, object], source: str = "comma
     Raises:
         BadInput: a dotted key leads through something that is no table, or past an array's end.
     """
-    values, origins = _copy(table.values), dict(table.origins)
+    values, origins = copy.deepcopy(table.values), dict(table.origins)
     for dotted, value in overrides.items():
         node: object = values
         key: KeyPath = ()
@@ -145,17 +146,6 @@ def _keys(values: Values, prefix: KeyPath = ()) -> Iterator[KeyPath]:
         yield (*prefix, key)
         if isinstance(value, dict):
             yield from _keys(value, (*prefix, key))
-
-
-def _copy(values: Values) -> Values:
-    """A deep copy in which every array is a list, so that overrides can reach into it."""
-
-    def copied(value: object) -> object:
-        if isinstance(value, dict):
-            return {key: copied(item) for key, item in value.items()}
-        return [copied(item) for item in value] if isinstance(value, list | tuple) else value
-
-    return {key: copied(value) for key, value in values.items()}
 
 
 def _index(array: list[object], part: str, dotted: str, source: str) -> int:

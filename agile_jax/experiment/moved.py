@@ -29,14 +29,6 @@ def moved(values: Mapping[str, object]) -> Iterator[tuple[tuple[str, ...], str]]
             yield where, told
 
 
-def new_name(dotted: str) -> str | None:
-    """The present name of a dotted setting, such as one that a sweep varies; None when it has not moved."""
-    for old, new in MOVED.items():
-        if dotted == old or dotted.startswith(f"{old}."):
-            return new + dotted.removeprefix(old)
-    return None
-
-
 def _holds(values: object, where: tuple[str, ...]) -> bool:
     for name in where:
         if not isinstance(values, Mapping) or name not in values:

@@ -16,9 +16,7 @@ from agile_jax.settings import BadInput
 SUBTITLE = "From optimal control to a robot that walks and crawls to its target: what this run did, and how well."
 
 
-def write_report(
-    experiment: Experiment, run_dir: pathlib.Path, engine: object = None, progress: Progress = silent
-) -> pathlib.Path:
+def write_report(experiment: Experiment, run_dir: pathlib.Path, progress: Progress = silent) -> pathlib.Path:
     """Write `report.html`, `figures/*.png` and `videos/*.mp4` of a run.
 
     What the run does not hold yet is left out with a sentence. `rendering_notes(run_dir)` tells what
@@ -27,7 +25,6 @@ def write_report(
     Args:
         experiment: the run's settings.
         run_dir: as the pipeline leaves it (docs/architecture.md); any stage may be missing.
-        engine: not needed.
         progress: is told of what comes next.
 
     Returns:
@@ -36,7 +33,6 @@ def write_report(
     Raises:
         OSError: the folder cannot be written.
     """
-    del engine
     told = summaries(run_dir)
     problems: list[str] = []
     found = {name: _read(run_dir, name, problems) for name in told}

@@ -50,16 +50,13 @@ class Artefact:
     only_grows: tuple[str, ...] = ()
 
 
+# Which samples a policy sees of the labels, and in which split.
+READING = ("dataset.split", "dataset.split_by", "dataset.label_kind", "dataset.samples", "dataset.start_seconds")
+
 LABELS = Artefact(
     "labels",
     ("seed", "scene", "expert", "dataset"),
-    without_effect=(
-        "dataset.split",
-        "dataset.split_by",
-        "dataset.label_kind",
-        "dataset.samples",
-        "dataset.start_seconds",
-    ),
+    without_effect=READING,
     amount=("dataset.trajectories",),
     foreign=("expert", "obstacle", "labels"),
 )
@@ -78,11 +75,7 @@ EPOCHS = Artefact(
         "expert.velocity",
         "expert.acceleration",
         "expert.clearance_margin",
-        "dataset.split",
-        "dataset.split_by",
-        "dataset.label_kind",
-        "dataset.samples",
-        "dataset.start_seconds",
+        *READING,
         "policy",
         "training",
         "kinematic_test",
@@ -133,17 +126,11 @@ def covered(artefact: Artefact, settings: Table) -> dict[str, object]:
     Raises:
         KeyError: a setting that the artefact names does not exist.
     """
-    free = _free_amounts(artefact, settings)
-    left_out = {*artefact.without_effect, *free}
+    left_out = {*artefact.without_effect, *_free_amounts(artefact, settings)}
     found: dict[str, object] = {}
     for dotted in artefact.reads:
-        if dotted in left_out:
-            continue
-        *above, last = dotted.split(".")
-        place = found
-        for name in above:
-            place = place.setdefault(name, {})  # type: ignore[assignment]
-        place[last] = _without(_at(settings, dotted), dotted, left_out)
+        if dotted not in left_out:
+            found = _merged(found, _nested(dotted, _without(_at(settings, dotted), dotted, left_out)))
     return found
 
 
@@ -190,9 +177,7 @@ def described(artefact: Artefact, settings: Table) -> dict[str, object]:
         source = ARTEFACTS[name]
         found = _merged(found, described(source, settings))
         for dotted, value in amounts(source, settings).items():
-            for part in reversed(dotted.split(".")):
-                value = {part: value}
-            found = _merged(found, value)
+            found = _merged(found, _nested(dotted, value))
     return _merged(found, covered(artefact, settings))
 
 
@@ -214,6 +199,12 @@ def differences(there: object, asked: object) -> list[str]:
     old, new = dict(_leaves(there)), dict(_leaves(asked))
     names = [name for name in dict.fromkeys([*old, *new]) if old.get(name, "absent") != new.get(name, "absent")]
     return [f"{name}: {old.get(name, 'absent')!r} there, {new.get(name, 'absent')!r} asked for" for name in names]
+
+
+def _nested(dotted: str, value: object) -> object:
+    for name in reversed(dotted.split(".")):
+        value = {name: value}
+    return value
 
 
 def _merged(one: object, other: object) -> dict[str, object]:

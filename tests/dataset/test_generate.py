@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
 
-from agile_jax.dataset import DatasetSettings, IncompleteDatasetError, generate, load
+from agile_jax.dataset import DatasetSettings, generate, load
 from agile_jax.dataset.shard import LabelSettings, ShardTask, make_shard
-from agile_jax.engine import open_engine
+from agile_jax.engine import TasksFailedError, open_engine
 from agile_jax.expert import ExpertSettings, verify
 from agile_jax.files import sha256
 from agile_jax.scene import SceneSettings, make_scene
@@ -233,7 +233,7 @@ def test_failed_tasks_are_named_and_the_others_kept(tmp_path):
 
     import contextlib
 
-    with pytest.raises(IncompleteDatasetError, match=r"shard-00001\.npz: KilledWorker"):
+    with pytest.raises(TasksFailedError, match=r"shard-00001\.npz: KilledWorker"):
         make(tmp_path, lambda: contextlib.nullcontext(Failing()))
     assert sorted(shard_bytes(tmp_path)) == ["shard-00000.npz", "shard-00002.npz", "shard-00003.npz"]
     assert not (tmp_path / "manifest.json").exists()

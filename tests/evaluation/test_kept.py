@@ -12,7 +12,7 @@ from quadruped import tiny
 from agile_jax.dataset import unseen_starts
 from agile_jax.engine import open_engine
 from agile_jax.evaluation import compare
-from agile_jax.evaluation.stage import evaluation_starts, stage
+from agile_jax.evaluation.stage import evaluate, evaluation_starts
 from agile_jax.evaluation.traces import load_traces
 from agile_jax.experiment import load_experiment
 from agile_jax.settings import BadInput
@@ -40,19 +40,19 @@ def test_starts_do_not_depend_on_how_many_there_are():
 
 
 def test_more_episodes_other_batches_and_records_keep_what_is_there(tmp_path: pathlib.Path):
-    stage(near(), tmp_path, INLINE)
+    evaluate(near(), tmp_path, INLINE)
     first, episodes = parts(tmp_path), columns(tmp_path)
     recorded = (tmp_path / "evaluation/mujoco-traces.npz").read_bytes()
     for same in (near(batch=3), near(threads=1), near(where="workers"), near(devices=1, name="again")):
-        stage(same, tmp_path, INLINE)
+        evaluate(same, tmp_path, INLINE)
         assert parts(tmp_path) == first
         assert (tmp_path / "evaluation/mujoco-traces.npz").read_bytes() == recorded
 
-    assert stage(near(episodes=3, traced=0), tmp_path, INLINE)["episodes"] == 3
+    assert evaluate(near(episodes=3, traced=0), tmp_path, INLINE)["episodes"] == 3
     assert parts(tmp_path) == first
     assert not (tmp_path / "evaluation/mujoco-traces.npz").exists()
 
-    stage(near(episodes=6, traced=3), tmp_path, INLINE)
+    evaluate(near(episodes=6, traced=3), tmp_path, INLINE)
     assert first.items() <= parts(tmp_path).items()
     more = columns(tmp_path)
     assert len(more["outcome"]) == 6
@@ -63,10 +63,10 @@ def test_more_episodes_other_batches_and_records_keep_what_is_there(tmp_path: pa
 
 def test_another_controller_is_another_evaluation_beside_the_first(tmp_path: pathlib.Path):
     slow, fast = near(control={"mpc": {"horizon": 8}}, name="short"), near(episodes=4)
-    stage(fast, tmp_path, INLINE)
+    evaluate(fast, tmp_path, INLINE)
     first, summary = parts(tmp_path), (tmp_path / "evaluation/mujoco.json").read_bytes()
     key = json.loads(summary)["evaluation_key"]
-    stage(slow, tmp_path, INLINE)
+    evaluate(slow, tmp_path, INLINE)
     assert first.items() < parts(tmp_path).items()
     assert json.loads((tmp_path / "evaluation/mujoco.json").read_bytes())["evaluation_key"] != key
     result = compare(f"{tmp_path}:{key[:8]}", f"{tmp_path}:short")
@@ -75,13 +75,13 @@ def test_another_controller_is_another_evaluation_beside_the_first(tmp_path: pat
     with pytest.raises(BadInput, match=f"no evaluation is called 'long'; it has .*{key[:12]}"):
         compare(f"{tmp_path}:long", tmp_path)
     both = parts(tmp_path)
-    stage(fast, tmp_path, INLINE)  # the first is what was asked for last again
+    evaluate(fast, tmp_path, INLINE)  # the first is what was asked for last again
     assert parts(tmp_path) == both
     assert (tmp_path / "evaluation/mujoco.json").read_bytes() == summary
 
 
 def test_damage_is_found_and_made_again(tmp_path: pathlib.Path):
-    stage(near(), tmp_path, INLINE)
+    evaluate(near(), tmp_path, INLINE)
     evaluation = tmp_path / "evaluation"
     episodes, summary = columns(tmp_path), json.loads((evaluation / "mujoco.json").read_bytes())
     assert {key for key, value in summary.items() if isinstance(value, int | float)} <= set(NUMBERS["evaluation"])
@@ -93,7 +93,7 @@ def test_damage_is_found_and_made_again(tmp_path: pathlib.Path):
         data = bytearray(path.read_bytes())
         data[len(data) // 2] ^= 1
         path.write_bytes(data)
-    stage(near(), tmp_path, INLINE)
+    evaluate(near(), tmp_path, INLINE)
     assert json.loads((evaluation / "mujoco.json").read_bytes())["success_rate"] == summary["success_rate"]
     assert (evaluation / "mujoco-traces.npz").read_bytes() == recorded
     for name, values in columns(tmp_path).items():
@@ -107,7 +107,7 @@ def test_a_robot_whose_included_file_changes_is_evaluated_anew(tmp_path: pathlib
     for mass in (6.9, 40.0):
         (tmp_path / "body.xml").write_text(tiny(('mass="5"', f'mass="{mass}"')))
         experiment = near(robot={"name": str(tmp_path / "main.xml")}, scene=scene, episodes=1, traced=0)
-        stage(experiment, tmp_path / "run", INLINE)
+        evaluate(experiment, tmp_path / "run", INLINE)
         work.append(float(columns(tmp_path / "run")["work"][0]))
     assert len(parts(tmp_path / "run")) == 2
     assert work[1] != work[0]

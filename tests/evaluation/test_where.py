@@ -9,7 +9,7 @@ from near import near
 
 from agile_jax.engine import InlineEngine, TasksFailedError, open_engine
 from agile_jax.evaluation import episodes
-from agile_jax.evaluation.stage import stage
+from agile_jax.evaluation.stage import evaluate
 from agile_jax.settings import BadInput
 
 INLINE = partial(open_engine, "inline")
@@ -22,7 +22,7 @@ def small_files(monkeypatch):
 
 def test_workers_simulate_what_one_process_simulates(tmp_path: pathlib.Path, small_files, monkeypatch):
     def files(name: str, where: str) -> list[bytes]:
-        assert stage(near(where=where), tmp_path / name, INLINE)["success_rate"] == 1.0
+        assert evaluate(near(where=where), tmp_path / name, INLINE)["success_rate"] == 1.0
         return [(tmp_path / name / "evaluation" / file).read_bytes() for file in ("mujoco.npz", "mujoco-traces.npz")]
 
     here = files("here", "here")
@@ -62,10 +62,10 @@ def test_parts_that_fail_are_named_and_the_others_kept(tmp_path: pathlib.Path, s
     with pytest.raises(
         TasksFailedError, match=r"1 parts of the evaluation failed \(episodes from 2: MemoryError: no room"
     ):
-        stage(lame, tmp_path, lambda: nullcontext(Failing()))
+        evaluate(lame, tmp_path, lambda: nullcontext(Failing()))
     (part,) = tmp_path.glob("evaluation/kept/*/episodes-*.npz")
     made = part.stat().st_mtime_ns
-    assert stage(lame, tmp_path, INLINE)["episodes"] == 4
+    assert evaluate(lame, tmp_path, INLINE)["episodes"] == 4
     assert part.stat().st_mtime_ns == made
 
 

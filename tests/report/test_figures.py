@@ -25,7 +25,6 @@ from agile_jax.report.figures.evaluation_figures import (
 from agile_jax.report.figures.kinematic_test_figures import arrivals_figure, error_map_figure, worst_paths_figure
 from agile_jax.report.figures.learning_figures import (
     draw_learning_curve,
-    draw_velocity_field,
     draw_velocity_field_side,
     velocity_field_figure,
 )
@@ -207,7 +206,6 @@ def test_velocity_field_is_not_drawn_inside_the_obstacle(picture, scene):
 
     assert_shows_something(picture(velocity_field_figure(scene, velocity, {"nominal": 0.28, "crawl": 0.16})))
     assert {float(z) for poses in seen for z in poses[:, 2]} == {0.28, 0.16}
-    assert_shows_something(picture(draw_velocity_field, scene, velocity, 0.28))
 
 
 def test_velocity_field_from_the_side_covers_the_plane_of_the_target(picture, scene):

@@ -68,19 +68,12 @@ def draw_learning_curve(
     return ax
 
 
-def draw_velocity_field(ax: Axes, scene: Scene, velocity: Field, height: float, amount: str = SPEED) -> Axes:
-    """Streamlines of the field in the plane at a height [m], at the target's yaw; colour is the amount. Returns `ax`.
-
-    Nothing is drawn where the torso would touch an obstacle.
-    """
-    section = _section_above(scene, velocity, height)
-    _draw_above(ax, scene, section, section.fastest)
-    _amount_bar(ax, section.fastest, amount)
-    return ax
-
-
 def velocity_field_figure(scene: Scene, velocity: Field, heights: Mapping[str, float], amount: str = SPEED) -> Figure:
-    """`draw_velocity_field` at several heights [m] by their title, one below the other with the same colours."""
+    """Streamlines of the field in planes at several heights [m], by their title, at the target's yaw.
+
+    One plane is below the other, with the same colours for the amount. Nothing is drawn where the torso would touch an
+    obstacle.
+    """
     figure = new_figure(7.4, 3.9 * len(heights) + 0.4)
     panels = np.atleast_1d(figure.subplots(len(heights), 1, sharex=True))
     sections = [_section_above(scene, velocity, height) for height in heights.values()]
