@@ -49,11 +49,6 @@ def stages_up_to(stage: str) -> tuple[str, ...]:
     return STAGES[: STAGES.index(stage) + 1]
 
 
-def states(experiment: Experiment, run_dir: pathlib.Path, stages: Sequence[str] = STAGES) -> dict[str, State]:
-    """What a run would find of each stage; writes nothing."""
-    return {stage: stage_state(run_dir, experiment, stage) for stage in stages}
-
-
 def run(
     experiment: Experiment,
     run_dir: pathlib.Path,

@@ -2,7 +2,7 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -29,21 +29,8 @@ if TYPE_CHECKING:
 COMMANDS = {"dataset": "expert", "training": "train", "evaluation": "evaluate", "report": "report"}  # that make a stage
 
 
-class Episodes(Mapping[str, np.ndarray]):
+class Episodes(dict[str, np.ndarray]):
     """The episodes of an evaluation: columns by name, one entry an episode (evaluation/<backend>.npz)."""
-
-    def __init__(self, columns: Mapping[str, np.ndarray]) -> None:
-        """Keep the columns, each of shape (n, ...)."""
-        self._columns = dict(columns)
-
-    def __getitem__(self, name: str) -> np.ndarray:
-        return self._columns[name]
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._columns)
-
-    def __len__(self) -> int:
-        return len(self._columns)
 
     def __repr__(self) -> str:
         return f"Episodes({len(self['outcome'])} of {', '.join(self)})"

@@ -17,7 +17,7 @@ from agile_jax.scene import make_scene
 from agile_jax.simulation import SUCCESS, UNSTABLE, LastStates, Recorder, Rollout, Trace, stream
 from agile_jax.store.parts import OpenEngine
 
-FILE = 64  # episodes a file, at least
+FILE = 64  # episodes a file
 LONGEST_PART = 512  # episodes that a worker simulates as one stream
 PARTS_A_WORKER = 4  # at least, where there are enough episodes: workers end at about the same time
 PART_TIME_LIMIT_S = 3600.0  # after which a part counts as hung: a hundred times what it takes on one core
@@ -59,8 +59,8 @@ class PartResult(NamedTuple):
     unstable: dict[int, Trace]
 
 
-def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[list[Ended]]:
-    """Run episodes and yield those that have just ended."""
+def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[Ended]:
+    """Run episodes and yield each that has ended."""
     scene = make_scene(work.experiment.scene)
     last = LastStates(backend.slots)
 
@@ -70,13 +70,11 @@ def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[list[
 
     for indices, rollout in stream(backend.slots, backend.qpos(work.starts), work.limits, watch):
         columns = {"episode": work.episodes[indices], **episode_columns(rollout)}
-        ended = []
         for i, index in enumerate(indices.tolist()):
             row = {name: values[i : i + 1] for name, values in columns.items()}
             unstable = row["outcome"][0] == UNSTABLE
             trace = last.trace(index, float(row["end_time"][0]), scene, backend.plan_dt) if unstable else None
-            ended.append(Ended(row, trace))
-        yield ended
+            yield Ended(row, trace)
 
 
 def simulate_here(work: Work, kept: KeptEvaluation, threads: int, progress: Progress) -> None:
@@ -88,13 +86,11 @@ def simulate_here(work: Work, kept: KeptEvaluation, threads: int, progress: Prog
     waiting: list[Columns] = []
     done, begun = 0, time.perf_counter()
     for ended in simulate(backend, work, recorder):
-        for one in ended:
-            episode = int(one.row["episode"][0])
-            recorded.discard(episode)
-            waiting.append(one.row)
-            if one.last_second is not None:
-                kept.add_unstable(episode, one.last_second)
-        done += len(ended)
+        episode, done = int(ended.row["episode"][0]), done + 1
+        recorded.discard(episode)
+        waiting.append(ended.row)
+        if ended.last_second is not None:
+            kept.add_unstable(episode, ended.last_second)
         if work.traced and not recorded:
             for episode, trace in _traces(work, backend, recorder).items():
                 kept.add_trace(episode, trace)
@@ -155,7 +151,7 @@ def simulate_part(work: Work) -> PartResult:
         _BACKENDS[work.key, batch] = make_backend(work.experiment, work.parameters, batch, 1)
     backend = _BACKENDS[work.key, batch]
     recorder = Recorder(backend.slots, work.traced)
-    ended = [one for some in simulate(backend, work, recorder) for one in some]
+    ended = list(simulate(backend, work, recorder))
     unstable = {int(one.row["episode"][0]): one.last_second for one in ended if one.last_second is not None}
     rows = _with_measures(joined([one.row for one in ended]), backend, time.perf_counter() - begun)
     return PartResult(rows, _traces(work, backend, recorder), unstable)

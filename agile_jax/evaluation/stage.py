@@ -17,12 +17,11 @@ from agile_jax.evaluation.backend import command_parameters
 from agile_jax.evaluation.breakdown import distributions, outcomes_by_region
 from agile_jax.evaluation.episodes import Work, simulate_here, simulate_on_workers
 from agile_jax.evaluation.kept import Columns, KeptEvaluation
-from agile_jax.evaluation.summary import summarize
+from agile_jax.evaluation.summary import summarise
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.robot import load_robot, robot_digest
 from agile_jax.scene import clearance, make_scene, streams
-from agile_jax.simulation import Trace
 from agile_jax.store.artefact import EPISODES, key
 from agile_jax.store.parts import OpenEngine
 
@@ -88,7 +87,8 @@ def evaluate(
         "branch": np.array(expert.branch),
     }
     summary = summary_of(experiment, columns, measures) | {"evaluation_key": kept.key}
-    kept.publish(settings.backend, settings.name, columns, summary, _recorded(kept, settings.traced))
+    traces = [trace for i in range(settings.traced) if (trace := kept.trace(i)) is not None]
+    kept.publish(settings.backend, settings.name, columns, summary, traces)
     return summary
 
 
@@ -118,12 +118,7 @@ def summary_of(experiment: Experiment, columns: Columns, measures: Columns) -> d
         "device": str(measures["device"][-1]),
         "planner": experiment.evaluation.planner,
         "planning_ms_per_query_median": 1e3 * float(np.median(measures["query_seconds"])),
-        **summarize(columns, experiment.control, float(measures["wall"].sum())),
+        **summarise(columns, experiment.control, float(measures["wall"].sum())),
         **distributions(columns, float(robot.link_masses.sum())),
         "outcomes_by_region": outcomes_by_region(columns, np.asarray(clearance(scene, columns["start"]))),
     }
-
-
-def _recorded(kept: KeptEvaluation, count: int) -> list[Trace]:
-    """The recorded episodes among the first `count`."""
-    return [trace for i in range(count) if (trace := kept.trace(i)) is not None]

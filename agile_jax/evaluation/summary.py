@@ -28,7 +28,7 @@ def arrival_ratios(columns: Columns) -> tuple[Float[np.ndarray, " n"], Float[np.
     return arrival / entered, arrival / columns["expert_time"]
 
 
-def summarize(columns: Columns, control: ControlSettings, seconds: float) -> dict[str, object]:
+def summarise(columns: Columns, control: ControlSettings, seconds: float) -> dict[str, object]:
     """Rates, times and quality, with units in the names where a unit exists.
 
     Args:

@@ -96,7 +96,11 @@ def squared_error_unit(policy_kind: str) -> str:
 
 def percent(value: object) -> str:
     """A fraction as a percentage."""
-    return f"{100 * value:.1f} %" if isinstance(value, int | float) else "–"
+    return _formatted(value, ".1%").replace("%", " %")
+
+
+def _formatted(value: object, form: str) -> str:
+    return format(value, form) if isinstance(value, int | float) else "–"
 
 
 def _named(summary: Summary, names: Words, squared_error: str = "") -> str:
@@ -125,26 +129,20 @@ def overview(
         label = f"success, {backend}, {result.get('episodes', '–')} starts (95 %: {interval})"
         entries.append((percent(result.get("success_rate")), label))
         if SAME_TOLERANCE in result:
-            entries.append((_ratio(result[SAME_TOLERANCE]), f"arrival time over the expert's, {backend}, median"))
+            entries.append(
+                (_formatted(result[SAME_TOLERANCE], ".3f"), f"arrival time over the expert's, {backend}, median")
+            )
         else:
             words = f"arrival time over the duration of the expert's whole path, {backend}, median"
-            entries.append((_ratio(result.get(WHOLE_PATH)), words))
+            entries.append((_formatted(result.get(WHOLE_PATH), ".3f"), words))
     if training:
-        floor = _short(training.get("noise_floor_mse"))
-        entries.append((_short(training.get("validation_mse")), f"validation error (noise floor {floor})"))
+        floor = _formatted(training.get("noise_floor_mse"), ".3g")
+        entries.append((_formatted(training.get("validation_mse"), ".3g"), f"validation error (noise floor {floor})"))
     if dataset:
         entries.append((str(dataset.get("trajectories", "–")), "verified expert trajectories"))
     words = "".join(paragraph(text) for text in (definitions.success(), definitions.ARRIVAL) if evaluations)
     words += paragraph(definitions.obstacles(scene)) if scene.obstacles else ""
     return (cards(entries) if entries else paragraph("No stage of this run has finished yet.")) + words
-
-
-def _ratio(value: object) -> str:
-    return f"{value:.3f}" if isinstance(value, int | float) else "–"
-
-
-def _short(value: object) -> str:
-    return f"{value:.3g}" if isinstance(value, int | float) else "–"
 
 
 def dataset_table(summary: Summary | None) -> str:

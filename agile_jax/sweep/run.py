@@ -19,9 +19,8 @@ import time
 
 from agile_jax.experiment import Experiment, to_toml
 from agile_jax.files import hash_json, read_json, write_atomic, write_json
-from agile_jax.pipeline import states
 from agile_jax.progress import Progress, silent
-from agile_jax.run_directory import begun_record, locked
+from agile_jax.run_directory import begun_record, locked, stage_state
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
 from agile_jax.sweep.trials import (
@@ -97,7 +96,7 @@ def run_sweep(
 
 
 def _finished(trial: Trial, settings: SweepSettings) -> bool:
-    return all(state == "done" for state in states(trial.experiment, trial.run_dir, stages_for(settings)).values())
+    return all(stage_state(trial.run_dir, trial.experiment, stage) == "done" for stage in stages_for(settings))
 
 
 def _judged(trial: Trial, settings: SweepSettings, seconds: float) -> Trial:

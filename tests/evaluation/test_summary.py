@@ -7,7 +7,7 @@ import pytest
 
 from agile_jax.control import ControlSettings, Counts
 from agile_jax.dataset import time_limit
-from agile_jax.evaluation.summary import summarize
+from agile_jax.evaluation.summary import summarise
 
 
 def columns() -> dict[str, np.ndarray]:
@@ -30,7 +30,7 @@ def columns() -> dict[str, np.ndarray]:
 
 
 def test_summary_of_known_episodes():
-    summary = summarize(columns(), ControlSettings(), seconds=4.0)
+    summary = summarise(columns(), ControlSettings(), seconds=4.0)
     assert summary["success_rate"] == pytest.approx(2 / 6)
     assert summary["failures"] == {"collision": 1, "fall": 1, "timeout": 1, "unstable": 1}
     assert summary["arrival_time_ratio_median"] == pytest.approx((1.0 + 1.25) / 2)
@@ -45,7 +45,7 @@ def test_summary_of_known_episodes():
 
 def test_summary_without_a_success_has_nulls_not_nans():
     failed = columns() | {"outcome": np.full(6, 3), "success": np.zeros(6, bool), "arrival_time": np.full(6, np.nan)}
-    summary = summarize(failed, ControlSettings(), seconds=1.0)
+    summary = summarise(failed, ControlSettings(), seconds=1.0)
     assert summary["arrival_time_ratio_median"] is None
     assert summary["success_rate"] == 0
     json.dumps(summary, allow_nan=False)

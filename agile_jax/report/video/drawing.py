@@ -14,15 +14,9 @@ from scipy.spatial import ConvexHull
 
 from agile_jax.report.video.camera import SEE_THROUGH, VIEW_HEIGHT, Picture, Shot, axes_of_view
 
-_PLANE, _SPHERE, _CAPSULE, _BOX = (
-    int(kind)
-    for kind in (
-        mujoco.mjtGeom.mjGEOM_PLANE,
-        mujoco.mjtGeom.mjGEOM_SPHERE,
-        mujoco.mjtGeom.mjGEOM_CAPSULE,
-        mujoco.mjtGeom.mjGEOM_BOX,
-    )
-)
+_GEOM = mujoco.mjtGeom
+_PLANE, _BOX = int(_GEOM.mjGEOM_PLANE), int(_GEOM.mjGEOM_BOX)
+_SPHERE, _CAPSULE = int(_GEOM.mjGEOM_SPHERE), int(_GEOM.mjGEOM_CAPSULE)
 _SAMPLES = 2  # the picture is drawn this much larger and then reduced, against jagged edges
 _SKY, _FLOOR, _LINE = (244, 247, 250), (223, 226, 228), (205, 209, 212)
 _LIGHT = np.array([-0.35, -0.6, 0.72])

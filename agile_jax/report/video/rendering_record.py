@@ -4,9 +4,7 @@ import pathlib
 from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
-from agile_jax.files import write_json
-from agile_jax.report.json_files import read_json
-from agile_jax.settings import BadInput
+from agile_jax.files import read_json, write_json
 
 if TYPE_CHECKING:
     from agile_jax.report.video.video import Rendered
@@ -21,9 +19,6 @@ def write_record(run_dir: pathlib.Path, records: Mapping[str, "Rendered"]) -> No
 
 def rendering_notes(run_dir: pathlib.Path) -> list[str]:
     """The distinct notes on missing OpenGL of a run's last report, each one line; none where all is well."""
-    try:
-        records = read_json(run_dir / _NAME) or {}
-    except BadInput:
-        return []
+    records = read_json(run_dir / _NAME) or {}
     notes = [record.get("note") for record in records.values() if isinstance(record, dict)]
     return list(dict.fromkeys(note for note in notes if isinstance(note, str)))
