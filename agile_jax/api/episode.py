@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agile_jax.experiment import Experiment
-from agile_jax.geometry import quaternion_to_rpy
+from agile_jax.robot import trunk_pose
 from agile_jax.scene import make_scene
 from agile_jax.settings import BadInput
 
@@ -41,7 +41,7 @@ class RecordedEpisode:
     @property
     def poses(self) -> Float[np.ndarray, "k 4"]:
         """[x, y, z, yaw] of the trunk [m, rad]."""
-        return np.concatenate([self.trace.qpos[:, :3], quaternion_to_rpy(self.trace.qpos[:, 3:7])[:, 2:]], -1)
+        return trunk_pose(self.trace.qpos)
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the trunk's path and the scene from above; without `ax` on a new figure, `ax.figure`."""

@@ -8,12 +8,9 @@ repetitions the fastest counts, because other work on the machine can only slow 
 are one for each core, measured at the same time, the median of the repetitions of each; their speeds are added up.
 """
 
-import os
 import pathlib
-import platform
 import time
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import NamedTuple
 
 import jax
@@ -22,6 +19,7 @@ import mujoco
 import mujoco.rollout
 import numpy as np
 
+from agile_jax.benchmark.measuring import machine, timed, versions
 from agile_jax.benchmark.metrics import Metric, Result, as_json, number, table
 from agile_jax.engine import TaskFailure, TasksFailedError, open_engine
 from agile_jax.evaluation.backend import Backend, command_parameters, make_backend
@@ -90,13 +88,8 @@ def benchmark_evaluation(
         "benchmark": "evaluation",
         "experiment": experiment.name,
         "method": METHOD,
-        "machine": {
-            "processor": platform.machine(),
-            "cores": os.cpu_count(),
-            "device": str(device.device_kind),
-            "threads": threads,
-        },
-        "software": {name: version(name) for name in ("agile_jax", "jax", "mujoco", "mujoco-mjx")},
+        "machine": machine(device=str(device.device_kind), threads=threads),
+        "software": versions("agile_jax", "jax", "mujoco", "mujoco-mjx"),
         "metrics": as_json(metrics),
     }
 
@@ -158,7 +151,7 @@ def _prepare(
     begin()
     slots.advance()  # compiles
     begin()
-    return backend, advances * segment, lambda: _seconds(lambda: [slots.advance() for _ in range(advances)])
+    return backend, advances * segment, lambda: timed(lambda: [slots.advance() for _ in range(advances)])[1].wall
 
 
 class _Timed:
@@ -170,22 +163,20 @@ class _Timed:
         self.torques: list[np.ndarray] = []  # (n, 12) of every step [Nm]
 
     def plan(self, episode: Episode, sensed: Sensed) -> Episode:
-        begun = time.perf_counter()
-        episode = jax.block_until_ready(self._slots.plan(episode, sensed))
-        self.plan_seconds += time.perf_counter() - begun
+        episode, spent = timed(lambda: jax.block_until_ready(self._slots.plan(episode, sensed)))
+        self.plan_seconds += spent.wall
         return episode
 
     def act(self, episode: Episode, sensed: Sensed) -> Episode:
         begun = time.perf_counter()
-        episode = jax.block_until_ready(self._slots.act(episode, sensed))
+        episode = jax.block_until_ready(self._slots.loop.act(episode, sensed))
         self.torques.append(np.asarray(episode.torque, np.float64))
         self.act_seconds += time.perf_counter() - begun
         return episode
 
     def step(self, world: None, episode: Episode) -> tuple[None, Sensed]:
-        begun = time.perf_counter()
-        sensed = self._slots.physics.step(self.torques[-1])
-        self.physics_seconds += time.perf_counter() - begun
+        sensed, spent = timed(self._slots.physics.step, self.torques[-1])
+        self.physics_seconds += spent.wall
         return world, sensed
 
 
@@ -195,12 +186,14 @@ def _parts(slots: MujocoSlots, qpos: np.ndarray, threads: int, plan_dt: float) -
     plans = max(1, round(SIMULATED / plan_dt))
     runs = []
     for _ in range(REPETITIONS):
-        timed = _Timed(slots)
+        clocked = _Timed(slots)
         sensed = slots.physics.reset(qpos)
         episodes = slots.loop.first(sensed, jnp.full(len(qpos), ENDLESS, jnp.float32))
         for _ in range(plans):
-            _, episodes, sensed = plan_cycle(timed, timed.step, None, episodes, sensed, acts, on_host)
-        runs.append(timed)
+            _, episodes, sensed = plan_cycle(
+                clocked.plan, clocked.act, clocked.step, None, episodes, sensed, acts, on_host
+            )
+        runs.append(clocked)
 
     model = slots.physics.model
     state = np.zeros((len(qpos), 1 + model.nq + model.nv))
@@ -209,7 +202,7 @@ def _parts(slots: MujocoSlots, qpos: np.ndarray, threads: int, plan_dt: float) -
     data = [mujoco.MjData(model) for _ in range(min(threads, len(qpos)))]
     with mujoco.rollout.Rollout(nthread=len(data) if len(data) > 1 else 0) as replay:
         run = lambda: replay.rollout([model] * len(qpos), data, state, torques)  # noqa: E731
-        fastest = min(_seconds(run) for _ in range(REPETITIONS))
+        fastest = min(timed(run)[1].wall for _ in range(REPETITIONS))
     return Parts(
         min(run.plan_seconds for run in runs),
         min(run.act_seconds for run in runs),
@@ -235,9 +228,3 @@ def _part_metrics(batch: int, parts: Parts) -> list[Metric]:
         Metric(f"mujoco_{batch}_physics_alone", replayed, "s/s", "higher", "mujoco.rollout with the same torques"),
         Metric(f"mujoco_{batch}_of_physics_alone", parts.replay / total, "", "higher", "the loop's speed over that"),
     ]
-
-
-def _seconds(work: Callable[[], object]) -> float:
-    begun = time.perf_counter()
-    work()
-    return time.perf_counter() - begun

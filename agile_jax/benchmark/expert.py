@@ -7,17 +7,14 @@ program from one guess, unchecked. What each returns is then measured alike: acc
 clearance exact at 12 points inside every interval.
 """
 
-import os
 import pathlib
-import platform
-import time
 from collections.abc import Callable
-from importlib.metadata import version
 from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, Result, as_json, comparison, missed
+from agile_jax.benchmark.measuring import Spent, machine, timed, versions
+from agile_jax.benchmark.metrics import Metric, Result, as_json, comparison, text_of
 from agile_jax.benchmark.peers.peer_path import Defects, PeerSolution, measure
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import Experiment
@@ -44,8 +41,7 @@ class Attempt(NamedTuple):
     solved: bool
     status: str
     duration: float  # [s] of the path
-    wall: float  # [s] of the solve
-    cpu: float  # [s] of this process
+    spent: Spent  # on the solve
     defects: Defects
 
 
@@ -81,8 +77,8 @@ def benchmark_expert(experiment: Experiment, starts: int = 100, progress: Progre
             "nodes": settings.nodes,
             "clearance_margin_m": settings.clearance_margin,
         },
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
-        "software": {name: version(name) for name in ("agile_jax", "casadi", "numpy")},
+        "machine": machine(),
+        "software": versions("agile_jax", "casadi", "numpy"),
         "metrics": as_json([metric for name in methods for metric in _metrics(name, attempts)]),
         "starts": [
             {"start": pose.tolist(), **{name: _row(attempts[name][i]) for name in methods}}
@@ -111,25 +107,21 @@ def _timed_peer(
     scene: Scene, settings: ExpertSettings, solve: Callable[[np.ndarray], PeerSolution]
 ) -> Callable[[np.ndarray], Attempt]:
     def attempt(start: np.ndarray) -> Attempt:
-        wall, cpu = time.perf_counter(), time.process_time()
-        found = solve(start)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        found, spent = timed(solve, start)
         defects = measure(scene, settings, found.path)
-        return Attempt(found.success, found.status, float(found.path.times[-1]), wall, cpu, defects)
+        return Attempt(found.success, found.status, float(found.path.times[-1]), spent, defects)
 
     return attempt
 
 
 def _timed_expert(scene: Scene, settings: ExpertSettings, expert: Expert) -> Callable[[np.ndarray], Attempt]:
     def attempt(start: np.ndarray) -> Attempt:
-        wall, cpu = time.perf_counter(), time.process_time()
-        found = expert.solve(start)
-        wall, cpu = time.perf_counter() - wall, time.process_time() - cpu
+        found, spent = timed(expert.solve, start)
         if found.status != "solved":
-            return Attempt(False, found.cause, 0.0, wall, cpu, Defects(np.inf, np.inf, np.inf))
+            return Attempt(False, found.cause, 0.0, spent, Defects(np.inf, np.inf, np.inf))
         check = verify(scene, settings, found.trajectory, start)
         defects = Defects(check.dynamics_residual, check.bound_violation, check.clearance_violation)
-        return Attempt(True, f"{found.branch}, gap {found.gap:.1e}", found.duration, wall, cpu, defects)
+        return Attempt(True, f"{found.branch}, gap {found.gap:.1e}", found.duration, spent, defects)
 
     return attempt
 
@@ -149,7 +141,7 @@ def _row(attempt: Attempt) -> Result:
         "solved": attempt.solved,
         "status": attempt.status,
         "duration_s": attempt.duration,
-        "solve_ms": 1e3 * attempt.wall,
+        "solve_ms": 1e3 * attempt.spent.wall,
         "clearance_violation_m": attempt.defects.clearance if attempt.solved else None,
     }
 
@@ -158,8 +150,8 @@ def _metrics(name: str, attempts: dict[str, list[Attempt]]) -> list[Metric]:
     """Those of one method, and, for a peer, ours against it."""
     mine, ours = attempts[name], attempts["ours"]
     solved = [attempt for attempt in mine if attempt.solved]
-    milliseconds = [1e3 * attempt.wall for attempt in mine]
-    cpu, wall = sum(attempt.cpu for attempt in mine), sum(attempt.wall for attempt in mine)
+    milliseconds = [1e3 * attempt.spent.wall for attempt in mine]
+    wall, cpu = (sum(seconds) for seconds in zip(*(attempt.spent for attempt in mine), strict=True))
 
     def over(values: list[float], reduce: Callable[[list[float]], float]) -> float | None:
         return float(reduce(values)) if values else None
@@ -197,7 +189,7 @@ def _against(peer: list[Attempt], ours: list[Attempt], rate: float | None) -> li
     both = [(mine, its) for mine, its in zip(ours, peer, strict=True) if mine.solved and its.solved]
     every = [mine.duration / its.duration - 1 for mine, its in both]
     fair = [mine.duration / its.duration - 1 for mine, its in both if its.defects.clearance <= CLEARANCE_TOLERANCE]
-    our_rate = sum(mine.solved for mine in ours) / sum(mine.cpu for mine in ours)
+    our_rate = sum(mine.solved for mine in ours) / sum(mine.spent.cpu for mine in ours)
     over = "of our duration over the peer's, minus 1"
     return [
         Metric(
@@ -231,5 +223,4 @@ def report(result: Result) -> str:
     metrics = result["metrics"]
     names = [name for name in (*PEERS, "ours") if f"{name}.solved" in metrics]
     missing = [f"{name}: {text}" for name, text in result["peers"].items() if text == "not installed"]
-    problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
-    return "\n".join([f"{result['experiment']}: {problem}", "", comparison(metrics, names), *missing, *missed(metrics)])
+    return text_of(result, comparison(metrics, names), *missing)

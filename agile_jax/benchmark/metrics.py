@@ -39,6 +39,12 @@ def missed(metrics: dict[str, Result]) -> list[str]:
     ]
 
 
+def text_of(result: Result, *lines: str) -> str:
+    """A result to read: the experiment and the problem, the lines, and what missed its target."""
+    problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
+    return "\n".join([f"{result['experiment']}: {problem}", "", *lines, *missed(result["metrics"])])
+
+
 def comparison(metrics: dict[str, Result], methods: Sequence[str]) -> str:
     """A table of the metrics "METHOD.KEY", a column for each method and a row for each key."""
     rows = []

@@ -9,16 +9,13 @@ matrices that were condensed before the clock started; ours for everything after
 thread; processor time; the best of three passes over all problems.
 """
 
-import os
-import platform
-import time
-from importlib.metadata import PackageNotFoundError, version
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from agile_jax.benchmark.measuring import machine, timed, versions
 from agile_jax.benchmark.metrics import Better, Metric, Result, as_json, missed, number, table
 from agile_jax.benchmark.peers.dense_qp import DenseQp, dense_qp, violations
 from agile_jax.benchmark.peers.qp_peer import Peer
@@ -82,13 +79,8 @@ def benchmark_mpc(settings: ControlSettings, count: int = 1000, progress: Progre
         "peers": {name: peer.about for name, peer in peers.items()} | missing,
         "missing": sorted(missing),
         "problem": {"count": count, "horizon": settings.mpc.horizon, "mpc_dt_s": settings.mpc.mpc_dt},
-        "machine": {
-            "processor": platform.machine(),
-            "cores": os.cpu_count(),
-            "python": platform.python_version(),
-            "device": str(jax.devices()[0].device_kind),
-        },
-        "software": {name: _version(name) for name in ("agile_jax", "jax", "casadi", "numpy", *peers)},
+        "machine": machine(device=str(jax.devices()[0].device_kind)),
+        "software": versions("agile_jax", "jax", "casadi", "numpy", *peers),
         "metrics": as_json(metrics),
     }
 
@@ -112,10 +104,9 @@ def measure_peer(peer: Peer, problems: list[DenseQp]) -> Measured:
     for _ in range(PASSES):
         cpu, forces = 0.0, []
         for i, solve in enumerate(solves):
-            wall, begun = time.perf_counter(), time.process_time()
-            forces.append(solve())
-            cpu += time.process_time() - begun
-            latencies[i] = min(latencies[i], time.perf_counter() - wall)
+            x, spent = timed(solve)
+            forces.append(x)
+            cpu, latencies[i] = cpu + spent.cpu, min(latencies[i], spent.wall)
         best = min(best, cpu)
     return Measured(forces, len(problems) / best, latencies, peer.pyramid)
 
@@ -137,16 +128,19 @@ def measure_ours(
     else:
         inputs = [jax.tree.map(lambda values, part=part: jnp.asarray(values[part]), qp) for part in parts]
         solve = many
-    jax.block_until_ready((solve(inputs[0]), inputs))
+
+    def run(data: Qp) -> jax.Array:
+        return jax.block_until_ready(solve(data))
+
+    jax.block_until_ready((run(inputs[0]), inputs))
     results: list[jax.Array] = []
     best, latencies = np.inf, np.full(len(inputs), np.inf)
     for _ in range(PASSES):
         cpu, results = 0.0, []
         for i, data in enumerate(inputs):
-            wall, begun = time.perf_counter(), time.process_time()
-            results.append(jax.block_until_ready(solve(data)))
-            cpu += time.process_time() - begun
-            latencies[i] = min(latencies[i], time.perf_counter() - wall)
+            found, spent = timed(run, data)
+            results.append(found)
+            cpu, latencies[i] = cpu + spent.cpu, min(latencies[i], spent.wall)
         # A GPU works while its processor waits: there, the clock on the wall counts.
         best = min(best, float(latencies.sum()) if jax.default_backend() != "cpu" else cpu)
     rows = np.asarray(jnp.stack(results) if batch == 1 else jnp.concatenate(results), float)[:count]
@@ -229,10 +223,3 @@ def report_mpc(result: Result) -> str:
         lines += ["", f"{condition} (infeasible: {infeasible})", table(titles, rows)]
     lines += [f"{name}: not measured: {result['peers'][name]}" for name in result["missing"]]
     return "\n".join([*lines, *missed(metrics)])
-
-
-def _version(name: str) -> str:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return ""

@@ -6,16 +6,11 @@ to NumPy array, limits and filter included; its weights are random, since the ti
 solve is a label's: every route that could be best, and the independent check. Both have run before the clock starts.
 """
 
-import os
-import platform
-import time
-from collections.abc import Callable
-from importlib.metadata import version
-
 import numpy as np
 from jaxtyping import Float
 
-from agile_jax.benchmark.metrics import Metric, Result, as_json, missed, number, table
+from agile_jax.benchmark.measuring import machine, timed, versions
+from agile_jax.benchmark.metrics import Metric, Result, as_json, number, table, text_of
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import Experiment
 from agile_jax.expert import make_expert
@@ -52,9 +47,9 @@ def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progre
     velocities(poses[:1]), velocities(batch)
     singles, batches, solves = [], [], []
     for i, pose in enumerate(poses):
-        solves.append(_seconds(expert.solve, pose))
-        batches.append(_seconds(velocities, batch))
-        singles += [_seconds(velocities, pose[None]) for _ in range(SINGLE_CALLS)]
+        solves.append(timed(expert.solve, pose)[1].wall)
+        batches.append(timed(velocities, batch)[1].wall)
+        singles += [timed(velocities, pose[None])[1].wall for _ in range(SINGLE_CALLS)]
         progress("measuring", i + 1, starts, "starts")
     return {
         "benchmark": "policy",
@@ -68,17 +63,10 @@ def benchmark_policy(experiment: Experiment, starts: int = 100, progress: Progre
             "initial_velocity": settings.initial_velocity,
             "nodes": settings.nodes,
         },
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
-        "software": {name: version(name) for name in ("agile_jax", "casadi", "jax", "numpy")},
+        "machine": machine(),
+        "software": versions("agile_jax", "casadi", "jax", "numpy"),
         "metrics": as_json(_metrics(np.array(singles), np.array(batches), np.array(solves))),
     }
-
-
-def _seconds(call: Callable[[np.ndarray], object], argument: np.ndarray) -> float:
-    """How long a call takes [s]."""
-    began = time.perf_counter()
-    call(argument)
-    return time.perf_counter() - began
 
 
 def _metrics(
@@ -108,10 +96,8 @@ def _metrics(
 
 def report_policy(result: Result) -> str:
     """The result as a table to read."""
-    metrics = result["metrics"]
     rows = [
         (f"{key} [{metric['unit']}]" if metric["unit"] else key, [number(metric["value"]), metric["meaning"]])
-        for key, metric in metrics.items()
+        for key, metric in result["metrics"].items()
     ]
-    problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
-    return "\n".join([f"{result['experiment']}: {problem}", "", table(["value", "of"], rows), *missed(metrics)])
+    return text_of(result, table(["value", "of"], rows))

@@ -8,9 +8,7 @@ ratios medians of the ratios within each, because the speed of a shared machine 
 """
 
 import json
-import os
 import pathlib
-import platform
 import subprocess
 import sys
 import tempfile
@@ -18,13 +16,13 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import partial
-from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from agile_jax.benchmark.metrics import Metric, Result, as_json, comparison, missed
+from agile_jax.benchmark.measuring import Spent, machine, timed, versions
+from agile_jax.benchmark.metrics import Metric, Result, as_json, comparison, text_of
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
@@ -53,8 +51,7 @@ METHODS = {
 class Timing(NamedTuple):
     """One repetition of one method."""
 
-    wall: float  # [s]
-    cpu: float  # [s] of all threads
+    spent: Spent
     losses: list[float]  # by step, where there are any
 
 
@@ -87,12 +84,10 @@ def benchmark_training(
     methods = {name: _timed(compiled(precision)) for name, precision in kinds.items()}
 
     def all_products() -> Timing:
-        wall, cpu = time.perf_counter(), time.process_time()
-        for product in products:
-            begun = time.perf_counter()
-            product.run()
-            product_seconds[product.name].append(time.perf_counter() - begun)
-        return Timing(time.perf_counter() - wall, time.process_time() - cpu, [])
+        spent = [timed(product.run)[1] for product in products]
+        for product, its in zip(products, spent, strict=True):
+            product_seconds[product.name].append(its.wall)
+        return Timing(Spent(sum(its.wall for its in spent), sum(its.cpu for its in spent)), [])
 
     methods["products"] = all_products
     with _torch(workload) as peer:
@@ -120,8 +115,8 @@ def benchmark_training(
             "repetitions": repetitions,
             "gflop_per_step": flops / steps / 1e9,
         },
-        "machine": {"processor": platform.machine(), "cores": os.cpu_count(), "python": platform.python_version()},
-        "software": {name: _version(name) for name in ("agile_jax", "jax", "jaxlib", "torch")},
+        "machine": machine(),
+        "software": versions("agile_jax", "jax", "jaxlib", "torch"),
         "metrics": as_json(_metrics(timings, work)),
         # [GFLOP/s]
         "products": {p.name: p.flops / float(np.median(product_seconds[p.name])) / 1e9 for p in products},
@@ -129,13 +124,11 @@ def benchmark_training(
 
 
 def _timed(run: "Run") -> Callable[[], Timing]:
-    def timed() -> Timing:
-        state = run.prepare()
-        wall, cpu = time.perf_counter(), time.process_time()
-        losses = run.work(state)
-        return Timing(time.perf_counter() - wall, time.process_time() - cpu, losses.tolist())
+    def repetition() -> Timing:
+        losses, spent = timed(run.work, run.prepare())
+        return Timing(spent, losses.tolist())
 
-    return timed
+    return repetition
 
 
 def _peers() -> list[str]:
@@ -166,7 +159,7 @@ def _torch(workload: "Workload") -> Iterator[Callable[[str], Timing] | None]:
             if not line:
                 raise RuntimeError(f"PyTorch's process ended with code {process.wait()}")
             answer = json.loads(line)
-            return Timing(answer["wall"], answer["cpu"], answer["losses"])
+            return Timing(Spent(answer["wall"], answer["cpu"]), answer["losses"])
 
         try:
             yield ask
@@ -176,13 +169,6 @@ def _torch(workload: "Workload") -> Iterator[Callable[[str], Timing] | None]:
             process.stdout.close()
 
 
-def _version(name: str) -> str | None:
-    try:
-        return version(name)
-    except PackageNotFoundError:
-        return None
-
-
 def _metrics(timings: dict[str, list[Timing]], work: dict[str, float]) -> list[Metric]:
     """Rates of each method [GFLOP/s], and ours against the machine and the peer.
 
@@ -190,8 +176,8 @@ def _metrics(timings: dict[str, list[Timing]], work: dict[str, float]) -> list[M
         timings: of each method, by repetition.
         work: floating-point operations of one repetition of each method.
     """
-    walls = {name: work[name] / np.array([timing.wall for timing in found]) for name, found in timings.items()}
-    cpus = {name: work[name] / np.array([timing.cpu for timing in found]) for name, found in timings.items()}
+    walls = {name: work[name] / np.array([timing.spent.wall for timing in found]) for name, found in timings.items()}
+    cpus = {name: work[name] / np.array([timing.spent.cpu for timing in found]) for name, found in timings.items()}
 
     def ratio(rates: dict[str, np.ndarray], name: str, other: str) -> float:
         return float(np.median(rates[name] / rates[other]))
@@ -230,5 +216,4 @@ def report_training(result: Result) -> str:
     metrics = result["metrics"]
     names = [name for name in METHODS if f"{name}.rate" in metrics]
     missing = [f"{name}: {text}" for name, text in result["methods"].items() if text.startswith("not installed")]
-    problem = ", ".join(f"{key} {value}" for key, value in result["problem"].items())
-    return "\n".join([f"{result['experiment']}: {problem}", "", comparison(metrics, names), *missing, *missed(metrics)])
+    return text_of(result, comparison(metrics, names), *missing)

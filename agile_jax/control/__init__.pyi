@@ -9,5 +9,4 @@ from .controller import (
 )
 from .diagnostics import Counts as Counts, Diagnostics as Diagnostics, no_diagnostics as no_diagnostics
 from .interface import Controller as Controller
-from .precision import as_float32 as as_float32, in_float32 as in_float32
 from .settings import ControlSettings as ControlSettings, GaitSettings as GaitSettings, MpcSettings as MpcSettings

@@ -21,7 +21,7 @@ class Reference(NamedTuple):
 
 
 class Body(NamedTuple):
-    """The measured state, as the planner sees it."""
+    """The measured state of the robot as one rigid body."""
 
     R_world_base: Float[Array, "3 3"]
     R_world_yaw: Float[Array, "3 3"]

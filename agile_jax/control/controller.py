@@ -20,7 +20,6 @@ from agile_jax.control.footholds import plan_footholds, plan_support
 from agile_jax.control.interface import Controller
 from agile_jax.control.mpc.problem import MpcConstants, Qp, mpc_constants, robot_qp
 from agile_jax.control.mpc.solver import cascade
-from agile_jax.control.precision import in_float32
 from agile_jax.control.rest import at_rest, planar_speed
 from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import CONTROLLERS, ControlSettings
@@ -28,6 +27,7 @@ from agile_jax.control.swing import feed_forward_share, folded_leg
 from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import GRAVITY, RobotModel, RobotState, composite_inertia, leg_forward_kinematics
 from agile_jax.settings import BadInput
+from agile_jax.single_precision import in_float32
 
 REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
 REACH_DEPTH = 0.05  # below the floor's height, at most [m]

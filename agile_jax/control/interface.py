@@ -24,7 +24,6 @@ class Controller(Protocol[State]):
         Returns:
             The state of the controller.
         """
-        ...
 
     def plan(self, state: State, robot_state: RobotState, reference: Reference) -> State:
         """Plan ahead, every `ControlSettings.plan_dt` [s].
@@ -37,7 +36,6 @@ class Controller(Protocol[State]):
         Returns:
             The state that the next calls of `act` use.
         """
-        ...
 
     def act(self, state: State, robot_state: RobotState) -> tuple[State, Float[Array, "12"]]:
         """Command the joints, every `ControlSettings.control_dt` [s].
@@ -49,11 +47,9 @@ class Controller(Protocol[State]):
         Returns:
             The state, and the torques of the joints, legs FR, FL, RR, RL, joints abad, hip, knee [Nm].
         """
-        ...
 
     def diagnostics(self, state: State) -> Diagnostics:
         """What the controller says about its last plan and command, and its counts since `init`.
 
         Episodes record it. A controller that counts nothing returns `no_diagnostics()`.
         """
-        ...

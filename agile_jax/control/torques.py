@@ -99,9 +99,8 @@ def leg_inertia(robot: RobotModel, joint_pos: Float[np.ndarray, "12"]) -> Float[
         return poses.pos + jnp.einsum("bij,bj->bi", poses.rotation, coms), poses.rotation
 
     rotation = np.asarray(motion(jnp.asarray(joint_pos))[1])
-    slide, turn = (
-        np.asarray(rate) for rate in jax.jacfwd(motion)(jnp.asarray(joint_pos))
-    )  # (13, 3, 12), (13, 3, 3, 12)
+    rates = jax.jacfwd(motion)(jnp.asarray(joint_pos))
+    slide, turn = (np.asarray(rate) for rate in rates)  # (13, 3, 12), (13, 3, 3, 12)
     spin = np.einsum("bijk,blj->bilk", turn, rotation)  # the skew matrix of each link's angular velocity
     spin = np.stack([spin[:, 2, 1], spin[:, 0, 2], spin[:, 1, 0]], 1)  # (13, 3, 12)
     turned = rotation @ inertias @ np.swapaxes(rotation, 1, 2)

@@ -9,7 +9,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, PyTree
 
-from agile_jax.control import in_float32, make_controller
+from agile_jax.control import make_controller
 from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment import Experiment
@@ -33,6 +33,7 @@ from agile_jax.simulation import (
     path_guidance,
     policy_guidance,
 )
+from agile_jax.single_precision import in_float32
 from agile_jax.training import load_policy
 
 QUERIES = 200  # of which the median time is taken

@@ -8,10 +8,13 @@ from .feasible_poses import (
     pose_errors as pose_errors,
 )
 from .kinds import make_expert as make_expert
-from .limits import MotionLimits as MotionLimits
 from .planar_comparison import Comparison as Comparison, compare_planners as compare_planners
 from .search.minimum_time import lower_bound as lower_bound, minimum_time as minimum_time
-from .settings import ExpertSettings as ExpertSettings, InitialVelocity as InitialVelocity
+from .settings import (
+    ExpertSettings as ExpertSettings,
+    InitialVelocity as InitialVelocity,
+    MotionLimits as MotionLimits,
+)
 from .solution import (
     CERTIFIED as CERTIFIED,
     ExpertSolution as ExpertSolution,

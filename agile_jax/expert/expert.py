@@ -4,14 +4,12 @@ import abc
 import time
 from dataclasses import dataclass
 
-import numpy as np
-
-from agile_jax.expert.feasible_poses import check_target
+from agile_jax.expert.feasible_poses import check_target, checked_pose
 from agile_jax.expert.problem import Problem
 from agile_jax.expert.programs.retries import ATTEMPT_NAMES, AttemptName
 from agile_jax.expert.settings import ExpertSettings, InitialVelocity, checked_initial_velocity
 from agile_jax.expert.solution import ExpertSolution
-from agile_jax.scene import POSE_SIZE, PoseLike, Scene, facing, planar_scene
+from agile_jax.scene import PoseLike, Scene, facing, planar_scene
 from agile_jax.settings import BadInput
 
 
@@ -63,9 +61,9 @@ class Expert(abc.ABC):
         condition = checked_initial_velocity(initial_velocity or self.settings.initial_velocity)
         if first_attempt not in ATTEMPT_NAMES:
             raise BadInput(f"first_attempt = {first_attempt!r}: must be one of {', '.join(ATTEMPT_NAMES)}")
-        pose, scene = _pose("start", start), self.scene
+        pose, scene = checked_pose("start", start), self.scene
         if target is not None:
-            scene = scene._replace(target=_pose("target", target))
+            scene = scene._replace(target=checked_pose("target", target))
         if self.settings.dimensions == "2d":
             scene = planar_scene(scene)
             pose[2] = scene.target[2]
@@ -76,14 +74,3 @@ class Expert(abc.ABC):
     @abc.abstractmethod
     def _solve(self, problem: Problem, first_attempt: AttemptName, guess: int) -> ExpertSolution:
         """`solve` of checked arguments."""
-
-
-def _pose(name: str, values: object) -> np.ndarray:
-    """A copy of a pose, shape (4,)."""
-    try:
-        pose = np.array(values, float)
-    except (TypeError, ValueError):
-        raise BadInput(f"{name} = {values!r}: must be {POSE_SIZE} numbers, x y z yaw [m, m, m, rad]") from None
-    if pose.shape != (POSE_SIZE,) or not np.isfinite(pose).all():
-        raise BadInput(f"{name} = {pose.tolist()}: must be {POSE_SIZE} finite numbers, x y z yaw [m, m, m, rad]")
-    return pose

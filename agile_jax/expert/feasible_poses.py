@@ -12,6 +12,21 @@ from agile_jax.settings import BadInput, Pose, yaw_error
 UNITS = ("m", "m", "m", "rad")
 
 
+def checked_pose(name: str, values: object) -> np.ndarray:
+    """A copy of a pose [m, rad], shape (4,); `name` is what messages call it.
+
+    Raises:
+        BadInput: it is not four finite numbers.
+    """
+    try:
+        pose = np.array(values, float)
+    except (TypeError, ValueError):
+        raise BadInput(f"{name} = {values!r}: must be {POSE_SIZE} numbers, x y z yaw [m, m, m, rad]") from None
+    if pose.shape != (POSE_SIZE,) or not np.isfinite(pose).all():
+        raise BadInput(f"{name} = {pose.tolist()}: must be {POSE_SIZE} finite numbers, x y z yaw [m, m, m, rad]")
+    return pose
+
+
 def check_start(scene: Scene, settings: ExpertSettings, start: PoseLike) -> None:
     """Refuse a start pose [x, y, z, yaw] [m, rad] from which no plan can begin.
 
@@ -47,9 +62,10 @@ def pose_errors(scene: Scene, settings: ExpertSettings, pose: PoseLike, name: st
 
     Where the bounds of yaw hold a full circle, yaw has none. `name` is what the messages call the pose.
     """
-    pose = np.asarray(pose, float)
-    if pose.shape != (POSE_SIZE,) or not np.isfinite(pose).all():
-        return [f"{name} = {pose.tolist()} must be {POSE_SIZE} finite numbers: x y z yaw [m, m, m, rad]"]
+    try:
+        pose = checked_pose(name, pose)
+    except BadInput as refusal:
+        return [str(refusal)]
     errors = []
     for axis, unit, value, low, high in zip(POSE_NAMES, UNITS, pose, scene.lower, scene.upper, strict=True):
         if axis == "yaw" and (error := yaw_error(value)):

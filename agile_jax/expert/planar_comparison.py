@@ -11,7 +11,7 @@ from agile_jax.scene import Scene
 
 
 class Comparison(NamedTuple):
-    """Durations of the same problem with and without a free height, NaN where a planner found no path."""
+    """Durations of the same problem with and without a free height, NaN where no path was found."""
 
     spatial: Float[np.ndarray, " n"]  # in three dimensions [s]
     planar: Float[np.ndarray, " n"]  # in the plane [s]

@@ -1,11 +1,11 @@
 """Settings of the expert: bounds, margins, transcription."""
 
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Literal, NamedTuple, get_args
 
 import numpy as np
+from jaxtyping import Float
 from pydantic import AfterValidator, Field, SerializeAsAny, WrapValidator
 
-from agile_jax.expert.limits import MotionLimits
 from agile_jax.plugins import by_kind, one_of
 from agile_jax.settings import BadInput, Count, NonNegative, PositivePose, Settings
 
@@ -19,6 +19,13 @@ def checked_initial_velocity(value: str) -> InitialVelocity:
         if value == choice:
             return choice
     raise BadInput(f'initial_velocity = {value!r}: must be "rest" or "free"')
+
+
+class MotionLimits(NamedTuple):
+    """Bounds of the rates and accelerations of the pose [x, y, z, yaw], axis by axis."""
+
+    velocity: Float[np.ndarray, "4"]  # [m/s, rad/s]
+    acceleration: Float[np.ndarray, "4"]  # [m/s^2, rad/s^2]
 
 
 class ExpertSettings(Settings):

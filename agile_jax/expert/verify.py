@@ -22,10 +22,13 @@ BOUND_TOLERANCE = 1e-6  # [m, rad, m/s, rad/s, m/s^2, rad/s^2]
 CLEARANCE_TOLERANCE = 0.0  # [m]
 
 
+RejectionKind = Literal["dynamics", "ends", "bounds", "clearance"]
+
+
 class Rejection(NamedTuple):
     """Why a trajectory is not accepted."""
 
-    kind: Literal["dynamics", "ends", "bounds", "clearance"]
+    kind: RejectionKind
     text: str  # the residual, and its limit
 
 
@@ -157,7 +160,7 @@ def verify(
 
 def rejection(residuals: Residuals) -> Rejection | None:
     """Why a trajectory with these residuals is not accepted; None when it is. NaN is never accepted."""
-    limits: tuple[tuple[Literal["dynamics", "ends", "bounds", "clearance"], str, float], ...] = (
+    limits: tuple[tuple[RejectionKind, str, float], ...] = (
         ("dynamics", "dynamics_residual", DYNAMICS_TOLERANCE),
         ("ends", "end_residual", END_TOLERANCE),
         ("bounds", "bound_violation", BOUND_TOLERANCE),

@@ -20,8 +20,8 @@ from jaxtyping import Shaped
 from agile_jax.files import write_atomic, write_json
 from agile_jax.policy.field import PlainField, ResidualField
 from agile_jax.policy.policy import Policy, TrainedPolicy
-from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.scene import POSE_NAMES, POSE_SIZE, turns_freely
+from agile_jax.single_precision import in_single_precision
 from agile_jax.store.npz import write_npz
 
 PLATFORMS = ("cpu", "cuda")

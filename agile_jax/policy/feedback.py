@@ -24,7 +24,7 @@ from agile_jax.arrays import AnyArray
 from agile_jax.policy.braking import braking_law, network_gain
 from agile_jax.policy.features import features
 from agile_jax.policy.network import PolicyParameters
-from agile_jax.policy.policy import Encoding, Learns, Policy, Seconds, bounded, in_precision_of
+from agile_jax.policy.policy import Encoding, Learns, Policy, Seconds, in_precision_of
 from agile_jax.scene import POSE_SIZE, pose_error
 
 FROM_REST_SECONDS = 1.0  # of the acceleration from rest, in `velocity_from_rest`
@@ -49,11 +49,6 @@ class FeedbackLaw(Policy):
         base = jnp.clip((law.velocity - velocity) / blend_time, -limits.acceleration, limits.acceleration)
         found = jnp.concatenate([features(self.scene, pose, self.wall_length), velocity / limits.velocity])
         return Encoding(found, base, network_gain(law, blend_time)[None])
-
-    def output(self, parameters: PolicyParameters, encoding: Encoding) -> Float[Array, "4"]:
-        """The trained acceleration [m/s^2, rad/s^2], before its bounds."""
-        output = bounded(self.network_output(parameters, encoding.features))
-        return encoding.base + encoding.gain * parameters.normalization.scale * output
 
     def command(
         self, parameters: PolicyParameters, pose: Float[AnyArray, "4"], velocity: Float[AnyArray, "4"], dt: Seconds

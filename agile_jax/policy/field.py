@@ -29,7 +29,7 @@ from agile_jax.arrays import AnyArray
 from agile_jax.policy.braking import braking_law, network_gain
 from agile_jax.policy.features import features
 from agile_jax.policy.network import PolicyParameters
-from agile_jax.policy.policy import Encoding, Policy, Seconds, bounded, in_precision_of
+from agile_jax.policy.policy import Encoding, Policy, Seconds, in_precision_of
 from agile_jax.scene import POSE_SIZE, pose_error
 
 
@@ -60,7 +60,7 @@ class PlainField(Field):
         return Encoding(pose, jnp.zeros(POSE_SIZE, pose.dtype), jnp.ones(1, pose.dtype))
 
     def output(self, parameters: PolicyParameters, encoding: Encoding) -> Float[Array, "4"]:
-        """The trained velocity [m/s, rad/s], before its limits."""
+        """The trained velocity [m/s, rad/s], before its limits; the network's part is not bounded."""
         output = self.network_output(parameters, encoding.features)
         return encoding.base + encoding.gain * parameters.normalization.scale * output
 
@@ -83,11 +83,6 @@ class ResidualField(Field):
         law = braking_law(pose_error(self.scene, pose, jnp), self.limits, self.settings.approach_rate)
         gain = network_gain(law, self.settings.blend_time)
         return Encoding(features(self.scene, pose, self.wall_length), law.velocity, gain[None])
-
-    def output(self, parameters: PolicyParameters, encoding: Encoding) -> Float[Array, "4"]:
-        """The trained velocity [m/s, rad/s], before limits and filter."""
-        output = bounded(self.network_output(parameters, encoding.features))
-        return encoding.base + encoding.gain * parameters.normalization.scale * output
 
     def velocity(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
         """The velocity [m/s, rad/s] at a pose [m, rad], within limits and filter."""

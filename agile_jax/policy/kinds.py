@@ -8,11 +8,16 @@ from agile_jax.policy.feedback import FeedbackLaw
 from agile_jax.policy.field import PlainField, ResidualField
 from agile_jax.policy.policy import Policy
 from agile_jax.policy.settings import PolicySettings
-from agile_jax.policy.single_precision import float32_scene
 from agile_jax.scene import Scene
 from agile_jax.settings import BadInput
 
 KINDS: dict[str, type[Policy]] = {"plain": PlainField, "residual": ResidualField, "feedback": FeedbackLaw}
+
+
+def float32_scene(scene: Scene) -> Scene:
+    """The scene with all lengths and angles in float32."""
+    single = {name: np.asarray(array, np.float32) for name, array in scene._asdict().items() if array.dtype.kind == "f"}
+    return scene._replace(**single)
 
 
 def make_policy(scene: Scene, limits: MotionLimits, settings: PolicySettings) -> Policy:

@@ -17,9 +17,9 @@ from agile_jax.expert import MotionLimits
 from agile_jax.policy.features import natural_range
 from agile_jax.policy.network import MLP, Initialisation, Normalization, PolicyParameters, fit_normalization
 from agile_jax.policy.settings import PolicySettings
-from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.policy.speed_filter import brake_before_bounds, brake_before_obstacles, within_limits
 from agile_jax.scene import POSE_SIZE, Scene
+from agile_jax.single_precision import in_single_precision
 
 Learns = Literal["velocity", "acceleration"]
 Seconds = float | Float[AnyArray, ""]
@@ -61,9 +61,10 @@ class Policy(abc.ABC):
     def encode(self, inputs: Float[AnyArray, " n"]) -> Encoding:
         """The encoding of a pose, shape (4,) [m, rad], or of a state, shape (8,) [m, rad, m/s, rad/s]."""
 
-    @abc.abstractmethod
     def output(self, parameters: PolicyParameters, encoding: Encoding) -> Float[Array, "4"]:
-        """What is trained, before any limit: see `learns`."""
+        """What is trained, before any limit: see `learns`. The network's part is within two units of its scale."""
+        output = 2.0 * jnp.tanh(self.network_output(parameters, encoding.features) / 2.0)
+        return encoding.base + encoding.gain * parameters.normalization.scale * output
 
     @abc.abstractmethod
     def command(
@@ -126,11 +127,6 @@ class Policy(abc.ABC):
         scene, acceleration = self.scene, self.limits.acceleration
         result = brake_before_obstacles(scene, pose, velocity, acceleration, self.settings.filter_margin)
         return brake_before_bounds(scene, pose, self.limited(result), acceleration)
-
-
-def bounded(output: Float[Array, "4"]) -> Float[Array, "4"]:
-    """The network's output within +-2: label and base differ by two bounds at most."""
-    return 2.0 * jnp.tanh(output / 2.0)
 
 
 def in_precision_of(parameters: PolicyParameters, array: Float[AnyArray, "*shape"]) -> Float[Array, "*shape"]:

@@ -6,10 +6,8 @@ from .collision import (
     collision_shapes as collision_shapes,
 )
 from .constants import (
-    FRONT as FRONT,
     GRAVITY as GRAVITY,
     JOINT_NAMES as JOINT_NAMES,
-    LEFT as LEFT,
     LEG_NAMES as LEG_NAMES,
 )
 from .envelope import check_envelope as check_envelope
@@ -31,6 +29,7 @@ from .model import (
     RobotState as RobotState,
     load_robot as load_robot,
     robot_state as robot_state,
+    trunk_pose as trunk_pose,
 )
 from .mujoco_model import (
     IMAGE_SIZE as IMAGE_SIZE,

@@ -7,6 +7,4 @@ import numpy as np
 GRAVITY = 9.81  # [m/s^2]
 LEG_NAMES = ("FR", "FL", "RR", "RL")
 JOINT_NAMES = ("abad", "hip", "knee")  # of one leg: about x, about y, about y
-FRONT = np.array([1.0, 1.0, -1.0, -1.0])  # (4,) +1 for a front leg
-LEFT = np.array([-1.0, 1.0, -1.0, 1.0])  # (4,) +1 for a left leg
 BOX_CORNERS = np.array(list(product((-1.0, 1.0), repeat=3)))  # (8, 3) of a box of half sizes 1

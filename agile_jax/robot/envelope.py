@@ -1,4 +1,4 @@
-"""Does the box that the planner keeps clear cover the robot that follows the plan?"""
+"""Whether the torso envelope, which plans keep clear of obstacles, covers the robot that follows them."""
 
 import mujoco
 import numpy as np
@@ -26,7 +26,7 @@ def torso_extent(model: mujoco.MjModel) -> Float[np.ndarray, "3"]:
 
 
 def check_envelope(torso_half_size: tuple[float, float, float], settings: RobotSettings) -> None:
-    """Refuse a torso envelope of the planner that does not cover trunk and hips of another robot than the A1.
+    """Refuse a torso envelope that does not cover trunk and hips of another robot than the A1.
 
     Raises:
         BadInput: with what it should be, or the robot's MJCF cannot be used.

@@ -1,5 +1,6 @@
 """The robot's constants as arrays, and its state."""
 
+from types import ModuleType
 from typing import NamedTuple
 
 import mujoco
@@ -7,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float
 
 from agile_jax.arrays import AnyArray
-from agile_jax.geometry import quaternion_to_matrix
+from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy
 from agile_jax.robot import constants
 from agile_jax.robot.mjcf import robot_spec
 from agile_jax.robot.settings import RobotSettings
@@ -106,6 +107,11 @@ def home_angles(thigh_length: float, calf_length: float, depth: float) -> list[f
     cosine = (depth**2 - thigh_length**2 - calf_length**2) / (2 * thigh_length * calf_length)
     knee = -np.arccos(np.clip(cosine, -1.0, 1.0))
     return [0.0, -np.arctan2(calf_length * np.sin(knee), thigh_length + calf_length * np.cos(knee)), knee]
+
+
+def trunk_pose(qpos: Float[AnyArray, "*batch nq"], xp: ModuleType = np) -> Float[AnyArray, "*batch 4"]:
+    """[x, y, z, yaw] of the trunk at coordinates, the robot's first [m, rad]."""
+    return xp.concatenate([qpos[..., :3], quaternion_to_rpy(qpos[..., 3:7], xp)[..., 2:]], -1)
 
 
 def robot_state(

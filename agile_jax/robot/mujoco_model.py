@@ -69,8 +69,7 @@ def standing_qpos(model: RobotModel, pose: Float[AnyArray, "4"]) -> Float[Array,
     pose = jnp.asarray(pose)
     feet = jnp.asarray(model.hip_pos_base) + jnp.outer(jnp.asarray(model.abad_offset), jnp.array([0.0, 1.0, 0.0]))
     feet = feet.at[:, 2].set(model.foot_radius - pose[2])
-    half_yaw = wrap_angle(pose[3], jnp) / 2
-    quat = jnp.stack([jnp.cos(half_yaw), jnp.zeros(()), jnp.zeros(()), jnp.sin(half_yaw)])
+    quat = yaw_to_quaternion(wrap_angle(pose[3], jnp), jnp)
     return jnp.concatenate([pose[:3], quat, leg_inverse_kinematics(model, feet)])
 
 

@@ -12,13 +12,14 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
-from agile_jax.control import Controller, ControlSettings, Diagnostics, in_float32
-from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, robot_state
+from agile_jax.control import Controller, ControlSettings, Diagnostics
+from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, trunk_pose
 from agile_jax.scene import Scene
-from agile_jax.simulation.outcome import RUNNING, Outcome, init_outcome, trunk_pose, update_outcome
+from agile_jax.simulation.outcome import RUNNING, Outcome, init_outcome, update_outcome
 from agile_jax.simulation.paths import TimedPath
 from agile_jax.simulation.reference import Guidance, ReferenceState, plan_reference
 from agile_jax.simulation.sensed import Sensed
+from agile_jax.single_precision import in_float32
 
 T = TypeVar("T")
 
@@ -68,8 +69,8 @@ class ClosedLoop:
             sensed: of a robot at rest.
             time_limit: after which the episode ends [s].
         """
-        state = self.controller.init(robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact))
-        reference = ReferenceState(trunk_pose(sensed), jnp.zeros(4))
+        state = self.controller.init(sensed.robot_state)
+        reference = ReferenceState(trunk_pose(sensed.qpos, jnp), jnp.zeros(4))
         diagnostics = self.controller.diagnostics(state)
         return Episode(state, reference, init_outcome(time_limit), diagnostics, jnp.zeros(12))
 
@@ -88,13 +89,12 @@ class ClosedLoop:
             parameters,
             path,
             episode.reference,
-            trunk_pose(sensed),
+            trunk_pose(sensed.qpos, jnp),
             episode.outcome.time,
             jnp.asarray(self.acceleration_limit, jnp.float32),
             self.settings,
         )
-        state = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
-        planned = self.controller.plan(episode.controller, state, reference)
+        planned = self.controller.plan(episode.controller, sensed.robot_state, reference)
         return episode._replace(
             controller=planned, reference=reference_state, diagnostics=self._diagnostics(episode, planned)
         )
@@ -117,8 +117,7 @@ class ClosedLoop:
             jnp.asarray(self.robot.torque_limit, jnp.float32),
             self.settings.control_dt,
         )
-        measured = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
-        state, torque = self.controller.act(episode.controller, measured)
+        state, torque = self.controller.act(episode.controller, sensed.robot_state)
         diagnostics = self._diagnostics(episode, state)
         return episode._replace(controller=state, outcome=outcome, diagnostics=diagnostics, torque=torque)
 

@@ -25,9 +25,8 @@ with contextlib.redirect_stdout(io.StringIO()):  # it prints how to install its 
     from mujoco import mjx
 
 
-MAX_CONTACTS = (
-    32  # of one robot, in MuJoCo Warp, which has a memory for them: feet and knees on the floor, trunk at a table
-)
+# Of one robot in MuJoCo Warp, which has a memory for them: feet and knees on the floor, trunk at a table.
+MAX_CONTACTS = 32
 MAX_ROWS = 192  # of constraints of one robot there: pyramids of the contacts, friction and limits of the joints
 
 ITERATIONS = 10  # of the contact solver, and of each of its line searches

@@ -5,6 +5,7 @@ Over several devices each simulates its share of the robots; nothing passes betw
 
 import dataclasses
 from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import jax
@@ -74,7 +75,8 @@ class MjxEpisode:
     def _one_plan(self, parameters: PyTree, state: MjxState) -> tuple[MjxState, Recorded]:
         running = state.episode.outcome.status == RUNNING
         data, episode, sensed = plan_cycle(
-            FollowsPolicy(self.loop, parameters),
+            partial(self.loop.plan, parameters, None),
+            self.loop.act,
             lambda data, episode: mjx_step(self.model, data, episode.torque),
             state.data,
             state.episode,
@@ -83,22 +85,6 @@ class MjxEpisode:
             compiled,
         )
         return MjxState(data, episode, sensed, state.plans + running), (running, sample_of(episode, sensed))
-
-
-@dataclasses.dataclass(frozen=True, eq=False)
-class FollowsPolicy:
-    """A closed loop with the parameters of its policy."""
-
-    loop: ClosedLoop
-    parameters: PyTree
-
-    def plan(self, episode: Episode, sensed: Sensed) -> Episode:
-        """`ClosedLoop.plan`."""
-        return self.loop.plan(self.parameters, None, episode, sensed)
-
-    def act(self, episode: Episode, sensed: Sensed) -> Episode:
-        """`ClosedLoop.act`."""
-        return self.loop.act(episode, sensed)
 
 
 def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
@@ -170,9 +156,3 @@ class MjxSlots:
     def snapshot(self) -> tuple[Bool[np.ndarray, "count segment"], Sample]:
         """The states of all slots after each plan of the last segment, still on the device."""
         return np.asarray(self._running), self._samples
-
-    def samples(self, slot: int) -> list[Sample]:
-        """The states of one slot after the plans of the last segment."""
-        samples = jax.tree.map(lambda values: np.asarray(values[slot]), self._samples)
-        running = np.asarray(self._running[slot])
-        return [jax.tree.map(lambda values, k=k: values[k], samples) for k in np.flatnonzero(running)]

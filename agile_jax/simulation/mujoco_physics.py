@@ -1,7 +1,6 @@
 """Many episodes in MuJoCo's C physics, spread over threads."""
 
 from collections.abc import Sequence
-from types import TracebackType
 
 import mujoco
 import mujoco.rollout
@@ -51,9 +50,9 @@ class MujocoPhysics:
         self._qpos = self._state[:, 1 : 1 + model.nq]
         self._qvel = self._state[:, 1 + model.nq :]
         self._warmstart = np.zeros((batch, model.nv))  # of the contact solver: the last acceleration [m/s^2, rad/s^2]
-        self._obstacle_contact = np.zeros(batch, bool)
-        self._floor_contact = np.zeros(batch, bool)
-        self._foot_contact = np.zeros((batch, len(self._slots.feet)), bool)
+        feet = len(self._slots.feet)
+        # Obstacle, floor and foot contacts, in the order of `Sensed`.
+        self._contacts = np.zeros(batch, bool), np.zeros(batch, bool), np.zeros((batch, feet), bool)
         threads = min(threads, batch)
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         self._rollout = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
@@ -64,9 +63,8 @@ class MujocoPhysics:
         self._state[chosen] = 0.0
         self._qpos[chosen] = qpos
         self._warmstart[chosen] = 0.0
-        self._obstacle_contact[chosen] = False
-        self._floor_contact[chosen] = False
-        self._foot_contact[chosen] = False
+        for contact in self._contacts:
+            contact[chosen] = False
         return self._sensed()
 
     def step(self, torques: np.ndarray, active: np.ndarray | None = None, pushes: np.ndarray | None = None) -> Sensed:
@@ -87,10 +85,9 @@ class MujocoPhysics:
         moving = np.flatnonzero(active & sound)
         if len(moving):
             self._step_episodes(moving, torques[moving], None if pushes is None else pushes[moving])
-        touches = ~active | self._sound()  # a state that is not finite touches nothing
-        self._obstacle_contact &= touches
-        self._floor_contact &= touches
-        self._foot_contact &= touches[:, None]
+        broken = active & ~self._sound()  # a state that is not finite touches nothing
+        for contact in self._contacts:
+            contact[broken] = False
         return self._sensed()
 
     def close(self) -> None:
@@ -100,9 +97,7 @@ class MujocoPhysics:
     def __enter__(self) -> "MujocoPhysics":
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
     def _sound(self) -> np.ndarray:
@@ -128,10 +123,9 @@ class MujocoPhysics:
         velocity = self._qvel[episodes]
         self._state[episodes] = states[:, 0]
         self._warmstart[episodes] = (self._qvel[episodes] - velocity) / self.model.opt.timestep
-        flags = contact_flags(sensordata[:, 0], self._slots)
-        self._obstacle_contact[episodes], self._floor_contact[episodes], self._foot_contact[episodes] = flags
+        for contact, found in zip(self._contacts, contact_flags(sensordata[:, 0], self._slots), strict=True):
+            contact[episodes] = found
 
     def _sensed(self) -> Sensed:
         # Copies: JAX may use a NumPy array's memory in place, and the next step overwrites it.
-        flags = (self._obstacle_contact, self._floor_contact, self._foot_contact)
-        return Sensed(self._qpos.copy(), self._qvel.copy(), *(flag.copy() for flag in flags))
+        return Sensed(self._qpos.copy(), self._qvel.copy(), *(contact.copy() for contact in self._contacts))

@@ -2,14 +2,13 @@
 
 import dataclasses
 from collections.abc import Callable
-from typing import Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from agile_jax.geometry import quaternion_to_rpy
+from agile_jax.robot import trunk_pose
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.outcome import RUNNING
@@ -20,15 +19,6 @@ from agile_jax.simulation.streaming import Rollout
 from agile_jax.simulation.traces import Sample, sample_of
 
 
-@runtime_checkable
-class HostPlan(Protocol):
-    """`ClosedLoop.plan` of n robots."""
-
-    def __call__(self, parameters: PyTree, path: TimedPath | None, episode: Episode, sensed: Sensed, /) -> Episode:
-        """Arguments and result of `ClosedLoop.plan`; all but the parameters have a leading axis n."""
-        ...
-
-
 @dataclasses.dataclass(frozen=True, eq=False)
 class BatchLoop:
     """The functions of a closed loop for n robots, compiled once. `begin`, `plan` and `act` consume the episodes."""
@@ -36,7 +26,7 @@ class BatchLoop:
     first: Callable[[Sensed, Float[Array, " n"]], Episode]  # (sensed, time limits [s])
     # (where new episodes begin, sensed, time limits [s], episodes)
     begin: Callable[[Bool[np.ndarray, " n"], Sensed, Float[Array, " n"], Episode], Episode]
-    plan: HostPlan
+    plan: Callable[[PyTree, TimedPath | None, Episode, Sensed], Episode]  # of which the parameters lead with no n
     act: Callable[[Episode, Sensed], Episode]
     acts_per_plan: int
 
@@ -102,7 +92,7 @@ class MujocoSlots:
         self._sensed = self.physics.reset(qpos, slots)
         self._episodes = self.loop.begin(mask, self._sensed, jnp.asarray(limits), self._episodes)
         if self._planner is not None:
-            self._planner.begin(slots, poses_of(qpos))
+            self._planner.begin(slots, trunk_pose(qpos))
         self._active |= mask
         self._plans[slots] = 0
 
@@ -112,12 +102,12 @@ class MujocoSlots:
         assert episodes is not None
         if self._planner is not None:
             times = np.asarray(episodes.outcome.time, float)
-            self._planner.advance(poses_of(self._sensed.qpos), times, self._active)
+            self._planner.advance(trunk_pose(self._sensed.qpos), times, self._active)
             self._paths = self._planner.paths
         self._plans += self._active
         self._was_active = self._active.copy()
         _, following, self._sensed = plan_cycle(
-            self, self._step, None, episodes, self._sensed, self.loop.acts_per_plan, on_host
+            self.plan, self.loop.act, self._step, None, episodes, self._sensed, self.loop.acts_per_plan, on_host
         )
         self._episodes = following
         status = np.asarray(following.outcome.status)
@@ -127,10 +117,6 @@ class MujocoSlots:
     def plan(self, episode: Episode, sensed: Sensed) -> Episode:
         """Plan in all slots."""
         return self.loop.plan(self.parameters, self._paths, episode, sensed)
-
-    def act(self, episode: Episode, sensed: Sensed) -> Episode:
-        """Act in all slots."""
-        return self.loop.act(episode, sensed)
 
     def _step(self, world: None, episode: Episode) -> tuple[None, Sensed]:
         return world, self.physics.step(np.asarray(episode.torque, np.float64), self._active)
@@ -148,14 +134,3 @@ class MujocoSlots:
         # Copies: the memory is given to the next plan.
         sample = jax.tree.map(np.array, sample_of(self._episodes, self._sensed))
         return self._was_active[:, None], Sample(*(values[:, None] for values in sample))
-
-    def samples(self, slot: int) -> list[Sample]:
-        """The state of one slot after the last plan."""
-        assert self._episodes is not None
-        batch = sample_of(self._episodes, self._sensed)
-        return [Sample(*(np.array(np.asarray(values)[slot]) for values in batch))]
-
-
-def poses_of(qpos: Float[np.ndarray, "n nq"]) -> Float[np.ndarray, "n 4"]:
-    """[x, y, z, yaw] of the trunk at coordinates [m, rad]."""
-    return np.concatenate([qpos[:, :3], quaternion_to_rpy(qpos[:, 3:7])[:, 2:]], -1)

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float, Int
 
-from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy
+from agile_jax.geometry import quaternion_to_matrix
+from agile_jax.robot import trunk_pose
 from agile_jax.scene import Scene, clearance, within_tolerance
 from agile_jax.simulation.sensed import Sensed
 
@@ -31,7 +32,7 @@ class Outcome(NamedTuple):
     time_limit: Float[Array, ""]  # [s]
     inside_since: Float[Array, ""]  # time at which the trunk entered the target's tolerance [s]; infinity outside it
     min_clearance: Float[Array, ""]  # of the robot's collision geometry [m]
-    min_envelope_clearance: Float[Array, ""]  # of the torso's envelope, which the planner keeps clear [m]
+    min_envelope_clearance: Float[Array, ""]  # of the torso's envelope, which plans keep clear [m]
     planar_error: Float[Array, ""]  # distance to the target in the plane [m]
     velocity_error_sum: Float[Array, ""]  # [m^2/s^2]
     saturated: Float[Array, ""]  # joints at their torque limit, summed over steps
@@ -59,12 +60,6 @@ def init_outcome(time_limit: Float[Array, ""]) -> Outcome:
     )
 
 
-def trunk_pose(sensed: Sensed) -> Float[Array, "4"]:
-    """[x, y, z, yaw] of the trunk [m, rad]."""
-    yaw = quaternion_to_rpy(sensed.qpos[3:7], jnp)[2]
-    return jnp.concatenate([sensed.qpos[:3], yaw[None]])
-
-
 def update_outcome(
     outcome: Outcome,
     sensed: Sensed,
@@ -88,7 +83,7 @@ def update_outcome(
         dt: of the step [s].
     """
     finite = jnp.isfinite(sensed.qpos).all() & (jnp.abs(sensed.qvel) < LARGEST_SPEED).all()
-    pose = trunk_pose(sensed)
+    pose = trunk_pose(sensed.qpos, jnp)
     error = pose - jnp.asarray(scene.target, jnp.float32)
     planar = jnp.sqrt(jnp.sum(error[:2] ** 2))
     time = outcome.time + dt

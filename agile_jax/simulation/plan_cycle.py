@@ -5,7 +5,7 @@ robot (`compiled`). What plans and acts, and what steps, are arguments.
 """
 
 from collections.abc import Callable
-from typing import Protocol, TypeVar, runtime_checkable
+from typing import TypeVar
 
 import jax
 
@@ -17,21 +17,9 @@ Carry = TypeVar("Carry")
 Repeat = Callable[[Callable[[Carry], Carry], Carry, int], Carry]
 
 
-@runtime_checkable
-class PlanAndAct(Protocol[E]):
-    """What reacts to the sensed state."""
-
-    def plan(self, episode: E, sensed: Sensed) -> E:
-        """Plan ahead."""
-        ...
-
-    def act(self, episode: E, sensed: Sensed) -> E:
-        """Set the torques of the next step."""
-        ...
-
-
 def plan_cycle(
-    loop: PlanAndAct[E],
+    plan: Callable[[E, Sensed], E],
+    act: Callable[[E, Sensed], E],
     step: Callable[[W, E], tuple[W, Sensed]],
     world: W,
     episode: E,
@@ -42,7 +30,8 @@ def plan_cycle(
     """Simulate from one plan to the next.
 
     Args:
-        loop: plans and acts.
+        plan: plans ahead from what is sensed.
+        act: sets the torques of the next step.
         step: applies the torques that the episode holds for one time step.
         world: state of the physics that is not sensed.
         episode, sensed: before the plan.
@@ -52,11 +41,11 @@ def plan_cycle(
     Returns:
         World, episode and what is sensed, before the next plan.
     """
-    episode = loop.plan(episode, sensed)
+    episode = plan(episode, sensed)
 
     def act_and_step(carry: tuple[W, E, Sensed]) -> tuple[W, E, Sensed]:
         world, episode, sensed = carry
-        episode = loop.act(episode, sensed)
+        episode = act(episode, sensed)
         world, sensed = step(world, episode)
         return world, episode, sensed
 

@@ -5,6 +5,7 @@ state and limited in its lead over it: it can pull the robot (the position error
 away from it.
 """
 
+from collections.abc import Callable
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
@@ -15,6 +16,9 @@ from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
 from agile_jax.policy.velocity_tracker import track
 from agile_jax.simulation.paths import TimedPath
+
+CommandFunction = Callable[[PyTree, Float[Array, "4"], Float[Array, "4"], float], Float[Array, "4"]]
+"""`Policy.command`: (parameters, pose, velocity, dt) to the velocity that is wanted a step later [m/s, rad/s]."""
 
 
 @runtime_checkable
@@ -39,18 +43,6 @@ class Guidance(Protocol):
             time: on the clock of the episode [s].
             dt: of the step [s].
         """
-        ...
-
-
-@runtime_checkable
-class PolicyCommand(Protocol):
-    """`Policy.command`."""
-
-    def __call__(
-        self, parameters: PyTree, pose: Float[Array, "4"], velocity: Float[Array, "4"], dt: float, /
-    ) -> Float[Array, "4"]:
-        """The velocity that is wanted a step later [m/s, rad/s]."""
-        ...
 
 
 class ReferenceState(NamedTuple):
@@ -60,8 +52,8 @@ class ReferenceState(NamedTuple):
     velocity: Float[Array, "4"]  # [m/s, rad/s]
 
 
-def policy_guidance(command: PolicyCommand) -> Guidance:
-    """The guidance of a policy, from its `command`."""
+def policy_guidance(command: CommandFunction) -> Guidance:
+    """The guidance of a policy, or of another function of the reference alone, from its `command`."""
     return lambda parameters, path, pose, velocity, time, dt: command(parameters, pose, velocity, dt)
 
 

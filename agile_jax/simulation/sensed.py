@@ -7,7 +7,14 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from agile_jax.arrays import AnyArray
-from agile_jax.robot import LEG_NAMES, TOUCH_FLOOR_PREFIX, TOUCH_FOOT_PREFIX, TOUCH_OBSTACLE_PREFIX
+from agile_jax.robot import (
+    LEG_NAMES,
+    TOUCH_FLOOR_PREFIX,
+    TOUCH_FOOT_PREFIX,
+    TOUCH_OBSTACLE_PREFIX,
+    RobotState,
+    robot_state,
+)
 
 
 class Sensed(NamedTuple):
@@ -22,6 +29,11 @@ class Sensed(NamedTuple):
     obstacle_contact: Bool[AnyArray, ""]  # some part of the robot touched an obstacle
     floor_contact: Bool[AnyArray, ""]  # trunk, hip or thigh touched the floor
     foot_contact: Bool[AnyArray, "4"]  # what each foot feels
+
+    @property
+    def robot_state(self) -> RobotState:
+        """What a controller measures."""
+        return robot_state(self.qpos, self.qvel, self.foot_contact)
 
 
 class TouchSlots(NamedTuple):

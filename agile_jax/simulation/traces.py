@@ -8,7 +8,7 @@ import numpy as np
 from jaxtyping import Bool, Float, Int
 
 from agile_jax.arrays import AnyArray
-from agile_jax.geometry import quaternion_to_rpy
+from agile_jax.robot import trunk_pose
 from agile_jax.scene import Scene, clearance
 from agile_jax.simulation.closed_loop import Episode
 from agile_jax.simulation.sensed import Sensed
@@ -55,31 +55,6 @@ def sample_of(episode: Episode, sensed: Sensed) -> Sample:
 
 
 @runtime_checkable
-class Sampled(Protocol):
-    """Slots that can be looked into."""
-
-    def samples(self, slot: int) -> list[Sample]:
-        """One for each plan of the last advance that the episode in the slot was running for."""
-
-
-class Recorder:
-    """Collects the samples of the first episodes of a stream; pass it as `watch`."""
-
-    def __init__(self, slots: Sampled, episodes: int) -> None:
-        self._slots, self._episodes = slots, episodes
-        self._samples: dict[int, list[Sample]] = defaultdict(list)
-
-    def __call__(self, holds: np.ndarray) -> None:
-        """Take the samples of the recorded episodes; `holds` is the episode of each slot."""
-        for slot in np.flatnonzero((holds >= 0) & (holds < self._episodes)):
-            self._samples[int(holds[slot])].extend(self._slots.samples(int(slot)))
-
-    def traces(self, scene: Scene, plan_dt: float) -> list[Trace]:
-        """The traces in the order of the episodes, with the clearance of the torso's envelope in `scene`."""
-        return [_trace(self._samples[episode], scene, plan_dt) for episode in sorted(self._samples)]
-
-
-@runtime_checkable
 class Snapshots(Protocol):
     """Slots that can be looked into all at once."""
 
@@ -89,6 +64,26 @@ class Snapshots(Protocol):
 
     def snapshot(self) -> tuple[np.ndarray, Sample]:
         """After the last advance of count slots: was it running (count, k), samples (count, k, ...)."""
+
+
+class Recorder:
+    """Collects the samples of the first episodes of a stream; pass it as `watch`."""
+
+    def __init__(self, slots: Snapshots, episodes: int) -> None:
+        self._slots, self._episodes = slots, episodes
+        self._samples: dict[int, list[Sample]] = defaultdict(list)
+
+    def __call__(self, holds: np.ndarray) -> None:
+        """Take the samples of the recorded episodes; `holds` is the episode of each slot."""
+        recorded = np.flatnonzero((holds >= 0) & (holds < self._episodes))
+        if len(recorded):
+            running, batch = self._slots.snapshot()
+            for slot in recorded:
+                self._samples[int(holds[slot])] += _samples_in(int(slot), running, batch)
+
+    def traces(self, scene: Scene, plan_dt: float) -> list[Trace]:
+        """The traces in the order of the episodes, with the clearance of the torso's envelope in `scene`."""
+        return [_trace(self._samples[episode], scene, plan_dt) for episode in sorted(self._samples)]
 
 
 class LastStates:
@@ -108,13 +103,18 @@ class LastStates:
         samples = []
         for holds, running, batch in self._history:
             for slot in np.flatnonzero(holds == episode):
-                samples += [Sample(*(np.asarray(a[slot][k]) for a in batch)) for k in np.flatnonzero(running[slot])]
+                samples += _samples_in(int(slot), running, batch)
         trace = _trace(samples, scene, plan_dt)
         return trace._replace(time=trace.time + end - trace.time[-1])
 
 
+def _samples_in(slot: int, running: np.ndarray, batch: Sample) -> list[Sample]:
+    """The samples of one slot, one for each plan for which it was running."""
+    own = [np.array(values[slot]) for values in batch]
+    return [Sample(*(values[k] for values in own)) for k in np.flatnonzero(running[slot])]
+
+
 def _trace(samples: list[Sample], scene: Scene, plan_dt: float) -> Trace:
     stacked = Sample(*(np.stack(values) for values in zip(*samples, strict=True)))
-    poses = np.concatenate([stacked.qpos[:, :3], quaternion_to_rpy(stacked.qpos[:, 3:7])[:, 2:]], -1)
     time = plan_dt * np.arange(1, len(samples) + 1)
-    return Trace(time, *stacked, clearance=np.asarray(clearance(scene, poses)))
+    return Trace(time, *stacked, clearance=np.asarray(clearance(scene, trunk_pose(stacked.qpos))))

@@ -7,7 +7,6 @@ from .kinematic_test.follow import (
     OUTCOMES as OUTCOMES,
     Followed as Followed,
     Follower as Follower,
-    follow as follow,
     make_follower as make_follower,
 )
 from .noise_floor import GammaTest as GammaTest, gamma_test as gamma_test

@@ -25,9 +25,9 @@ from jaxtyping import PyTree
 from agile_jax.expert import MotionLimits
 from agile_jax.files import hash_json, sha256, sync_folder, write_json
 from agile_jax.policy import Policy, PolicyParameters, PolicySettings, TrainedPolicy, make_policy
-from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.scene import Scene
 from agile_jax.settings import BadInput
+from agile_jax.single_precision import in_single_precision
 from agile_jax.store.artefact import differences
 from agile_jax.training.finished import CHECKPOINTS, INTEGRITY, read_finished
 from agile_jax.training.metrics import Row

@@ -25,8 +25,8 @@ from jaxtyping import Array, Float, Int, Int32, Key, PRNGKeyArray, PyTree
 from agile_jax.arrays import AnyArray
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Encoding, Policy
-from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.settings import BadInput
+from agile_jax.single_precision import in_single_precision
 from agile_jax.training.optimizer import make_optimizer
 from agile_jax.training.precision import Precision, products
 from agile_jax.training.samples import SI, Samples, Unit
@@ -83,10 +83,6 @@ class CompiledTraining:
     def validation_error(self, parameters: PolicyParameters, samples: EncodedSamples) -> Float[Array, " S"]:
         """The mean squared error of each seed [(m/s)^2, (rad/s)^2]."""
         return self._error(parameters, samples)
-
-    def epoch_text(self) -> str:
-        """What XLA made of an epoch."""
-        return self._epoch.as_text() or ""
 
 
 def device_sharding(devices: int) -> NamedSharding:

@@ -20,9 +20,9 @@ from jaxtyping import Array, Bool, Float, Int, Key, PyTree
 from agile_jax.files import sha256
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Policy, TrainedPolicy
-from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.progress import Progress, silent
 from agile_jax.settings import BadInput
+from agile_jax.single_precision import in_single_precision
 from agile_jax.training.checkpoint import Checkpoint, Keeping, restore_checkpoint, save_checkpoint
 from agile_jax.training.epochs import (
     CompiledTraining,
@@ -228,13 +228,13 @@ def _train(
 ) -> _Position:
     """Train to the last epoch."""
     settings = problem.settings
-    while (done := len(log.rows)) < (last := _last_epoch(log.rows, settings)):
+    while len(position.rows) < _last_epoch(position.rows, settings):
         position = _epoch(problem, prepared, position, compiled)
         log.append(position.rows[-1])
-        done, last = done + 1, _last_epoch(log.rows, settings)
+        done, last = len(position.rows), _last_epoch(position.rows, settings)
         if keeping is not None and (done % settings.checkpoint_every == 0 or done == last):
-            chosen = of_seed(position.by_seed(), chosen_seed(validation_errors(log.rows), settings))
-            checkpoint = Checkpoint(done, position.saved(), chosen, log.rows, position.seconds)
+            chosen = of_seed(position.by_seed(), chosen_seed(validation_errors(position.rows), settings))
+            checkpoint = Checkpoint(done, position.saved(), chosen, position.rows, position.seconds)
             save_checkpoint(keeping.directory / CHECKPOINTS, checkpoint, keeping.identity, settings.keep)
         progress("fit", done, last, f"validation error {position.rows[-1]['validation_mse']:.2e}")
     return position

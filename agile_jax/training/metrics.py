@@ -7,7 +7,6 @@ torn last line.
 
 import json
 import pathlib
-from types import TracebackType
 
 import numpy as np
 from jaxtyping import Float
@@ -31,7 +30,6 @@ class MetricsLog:
 
     def __init__(self, directory: pathlib.Path | None, rows: list[Row]):
         """Begin after `rows`, the epochs that are already done; in `directory`, or without files."""
-        self.rows = list(rows)
         self._file, self._writer = None, None
         if directory is not None:
             path = directory / "metrics.jsonl"
@@ -42,7 +40,6 @@ class MetricsLog:
 
     def append(self, row: Row) -> None:
         """Add the row of one epoch."""
-        self.rows.append(row)
         if self._file is not None and self._writer is not None:
             self._file.write(_line(row))
             self._file.flush()
@@ -53,9 +50,7 @@ class MetricsLog:
         """The log itself."""
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         """Close the files."""
         if self._file is not None and self._writer is not None:
             self._file.close()

@@ -17,7 +17,7 @@ trajectories are far apart gamma bends, the line meets zero too high, and the es
 that a field cannot do better. So does every pair of neighbours with a boundary between two routes in between: to the
 test a jump is noise. `share` = G / gamma(1) tells how much of what the nearest neighbours differ by is the floor and
 how much is their distance: near one the floor is what was measured, near zero it is the end of a long extrapolation.
-On known floors (tests/policy/test_noise_floor.py) the estimate is within 30 % where the share is above one half, and
+On known floors (tests/training/test_noise_floor.py) the estimate is within 30 % where the share is above one half, and
 up to a hundred times too high where it is below.
 """
 
@@ -30,7 +30,7 @@ from jaxtyping import Bool, Float
 
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Policy
-from agile_jax.policy.single_precision import in_single_precision
+from agile_jax.single_precision import in_single_precision
 from agile_jax.training.samples import SI, Samples, Unit
 
 FEWEST = 3  # trajectories

@@ -77,8 +77,8 @@ class TrainingSettings(Settings):
 
     The paper's rate diverges with initialisation = "lecun_normal" on raw inputs and converges with "torch_uniform",
     the default of the framework that such recipes usually come from. Optimisers and schedules are Optax's of the same
-    name (optimizer.py); left out are those that need more than a
-    gradient (line searches), take no schedule (sm3, rprop) or add noise.
+    name (optimizer.py); left out are those that need more than a gradient (line searches), take no schedule (sm3,
+    rprop) or add noise.
     """
 
     optimizer: Optimizer = "adam"

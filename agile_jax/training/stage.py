@@ -17,9 +17,9 @@ from agile_jax.files import write_json
 from agile_jax.policy.kinds import make_policy
 from agile_jax.policy.network import parameter_count
 from agile_jax.policy.policy import Policy, TrainedPolicy
-from agile_jax.policy.single_precision import in_single_precision
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import POSE_SIZE, make_scene
+from agile_jax.single_precision import in_single_precision
 from agile_jax.store.artefact import EPOCHS, covered, key
 from agile_jax.store.npz import write_npz
 from agile_jax.store.parts import OpenEngine

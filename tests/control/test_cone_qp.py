@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.peers.dense_qp import all_forces, dense_qp, violations
+from agile_jax.benchmark.peers.dense_qp import dense_qp, violations
 from agile_jax.benchmark.peers.qp_solvers import make_clarabel, make_piqp
 from agile_jax.control import MpcSettings
 from agile_jax.control.mpc.centroidal import force_map
@@ -50,7 +50,9 @@ def solve_exactly(qp: Qp, pyramid: bool) -> list[np.ndarray]:
     for i in range(len(qp.linear)):
         problem = dense_qp(CONSTANTS, qp, i)
         x = peer.prepare(problem)()
-        found.append(np.full(12 * NODES, np.nan) if x is None else all_forces(problem, x))
+        forces = np.zeros(12 * NODES)  # those of feet in the air stay zero
+        forces[problem.columns] = np.nan if x is None else x
+        found.append(forces)
     return found
 
 
@@ -86,21 +88,21 @@ def backward_problem(seed: int) -> tuple[Qp, np.ndarray]:
     gradient = np.einsum("kif,kf->ki", np.linalg.pinv(B.transpose(0, 2, 1)), -weight * wanted)
     A = 0.2 * np.linalg.qr(rng.normal(size=(NODES, 4, 3, 3)))[0]
 
-    def forces_at(price: np.ndarray) -> np.ndarray:
-        pull = np.einsum("kif,ki->kf", B, gradient).reshape(NODES, 4, 3) + np.einsum("klij,kli->klj", A, price)
+    def forces_at(multiplier: np.ndarray) -> np.ndarray:
+        pull = np.einsum("kif,ki->kf", B, gradient).reshape(NODES, 4, 3) + np.einsum("klij,kli->klj", A, multiplier)
         with jax.enable_x64(True):
             inside = project_cone(jnp.asarray(-pull / weight), jnp.float64(friction), jnp.float64(force_max))
         return np.array(inside) * contact[..., None]
 
     side = np.sign(np.einsum("klij,klj->kli", A, forces_at(np.zeros((NODES, 4, 3)))))
-    price = side * rng.uniform(0, 0.01, (NODES, 4, 3)) * (rng.random((NODES, 4, 3)) < 0.2) * contact[..., None]
-    forces = forces_at(price)
+    multiplier = side * rng.uniform(0, 0.01, (NODES, 4, 3)) * (rng.random((NODES, 4, 3)) < 0.2) * contact[..., None]
+    forces = forces_at(multiplier)
     torque = np.einsum("klij,klj->kli", A, forces)
-    price_kept = np.sign(torque) == np.sign(price)
-    if not price_kept[price != 0].all():  # a multiplier so large that it turned its torque around
+    sign_kept = np.sign(torque) == np.sign(multiplier)
+    if not sign_kept[multiplier != 0].all():  # a multiplier so large that it turned its torque around
         return backward_problem(seed + 1000)
-    upper = np.where(price > 0, torque, np.abs(torque) + 1.0)
-    lower = np.where(price < 0, torque, -np.abs(torque) - 1.0)
+    upper = np.where(multiplier > 0, torque, np.abs(torque) + 1.0)
+    lower = np.where(multiplier < 0, torque, -np.abs(torque) - 1.0)
 
     wrench = np.einsum("kif,kf->ki", B, forces.reshape(NODES, 12))
     joint_map = rng.normal(size=(NODES, 12, 6)) * 4

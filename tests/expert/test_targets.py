@@ -11,9 +11,9 @@ SETTINGS = ExpertSettings(nodes=40)
 START = np.array([0.0, 0.1, 0.27, 0.1])
 
 
-@pytest.mark.parametrize("planner", ["3d", "2d"])
-def test_an_expert_with_a_target_is_the_expert_of_that_target(scene, planner):
-    settings = SETTINGS.model_copy(update={"dimensions": planner})
+@pytest.mark.parametrize("dimensions", ["3d", "2d"])
+def test_an_expert_with_a_target_is_the_expert_of_that_target(scene, dimensions):
+    settings = SETTINGS.model_copy(update={"dimensions": dimensions})
     one = make_expert(scene, settings)
     for target in ([2.8, 1.0, 0.3, 0.4], [0.2, -1.5, 0.2, -1.0]):
         other = make_expert(scene._replace(target=np.array(target)), settings)

@@ -4,13 +4,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, follow, table_scene
 from test_stage import SETTINGS, run, straight_lines
 
 from agile_jax.dataset import DatasetSettings, split_mask
 from agile_jax.policy import make_policy
 from agile_jax.policy.velocity_tracker import track
-from agile_jax.training import KinematicTestSettings, follow
+from agile_jax.training import KinematicTestSettings
 from agile_jax.training.kinematic_test.follow import ARRIVED
 from agile_jax.training.samples import policy_samples
 

@@ -2,7 +2,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, follow, table_scene
 
 from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.policy import PolicySettings, braking_law, make_policy, parameter_count
@@ -11,7 +11,6 @@ from agile_jax.policy.features import face_distances
 from agile_jax.policy.separating_planes import separating_planes
 from agile_jax.policy.speed_filter import brake_before_obstacles
 from agile_jax.scene import BoxSettings, SceneSettings, TableSettings, clearance, make_scene, obstacle_clearances
-from agile_jax.training import follow
 from agile_jax.training.kinematic_test.follow import ARRIVED, COLLIDED
 
 PAPER_LAYERS = (256, 1024, 1024, 1024, 1024, 256)
@@ -162,7 +161,7 @@ def test_yaw_is_wrapped():
     ("low", "high", "start", "target", "turn"),
     [(-3.2, 3.2, 3.0, -3.0, 2 * np.pi - 6), (-3.1, 3.1, 3.0, -3.0, -6.0), (1.0, 5.0, 1.1, 4.5 - 2 * np.pi, 3.4)],
 )
-def test_the_field_turns_as_the_planner_does(low, high, start, target, turn):
+def test_the_field_turns_as_the_expert_does(low, high, start, target, turn):
     """Across the cut where the bounds hold a circle, between them where they do not."""
     inside = target if low <= target <= high else target + 2 * np.pi
     settings = SceneSettings(

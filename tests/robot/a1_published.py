@@ -11,7 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from agile_jax.robot import FRONT, LEFT
+FRONT = np.array([1.0, 1.0, -1.0, -1.0])  # (4,) +1 for a front leg
+LEFT = np.array([-1.0, 1.0, -1.0, 1.0])  # (4,) +1 for a left leg
 
 # Geometry [m]
 HIP_POS_BASE = np.stack([0.183 * FRONT, 0.047 * LEFT, np.zeros(4)], -1)  # (4, 3) abad axis in the trunk's frame [1]

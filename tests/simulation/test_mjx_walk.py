@@ -9,12 +9,13 @@ import pytest
 from agile_jax.benchmark.workloads.commands import random_commands
 from agile_jax.benchmark.workloads.disturbance import draw
 from agile_jax.benchmark.workloads.tracking import UNDISTURBED, tracking_loop
-from agile_jax.control import ControlSettings, as_float32, make_controller
+from agile_jax.control import ControlSettings, make_controller
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics
 from agile_jax.simulation.mjx_physics import mjx_init, mjx_reset, mjx_step
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
+from agile_jax.single_precision import as_float32
 
 pytestmark = pytest.mark.slow
 
@@ -42,7 +43,9 @@ def walk():
         sensed = physics.reset(np.repeat(start[None], ROBOTS, 0))
         states = loop.init(sensed, commands, draw(ROBOTS, 0))
         for _ in range(PLANS):
-            _, states, sensed = plan_cycle(loop, step, sensed, states, sensed, loop.acts_per_plan, on_host)
+            _, states, sensed = plan_cycle(
+                loop.plan, loop.act, step, sensed, states, sensed, loop.acts_per_plan, on_host
+            )
     return tuple(np.stack(values) for values in zip(*recorded, strict=True))
 
 

@@ -9,7 +9,7 @@ from agile_jax.expert import MotionLimits
 from agile_jax.policy import PolicySettings, make_policy
 from agile_jax.progress import silent
 from agile_jax.scene import Scene, SceneSettings, TableSettings, make_scene
-from agile_jax.training import FitProblem, Keeping, Samples, TrainingSettings, fit_policy
+from agile_jax.training import FitProblem, Followed, Keeping, Samples, TrainingSettings, fit_policy, make_follower
 
 VELOCITY = np.array([0.8, 0.5, 0.3, 1.0])
 ACCELERATION = np.array([1.5, 1.5, 1.0, 3.0])
@@ -17,6 +17,12 @@ LIMITS = MotionLimits(VELOCITY, ACCELERATION)
 TARGET = np.array([3.0, 0.0, 0.28, 0.0])
 SMALL = PolicySettings(hidden_layers=(16, 16))
 BRIEF = TrainingSettings(batch_size=64, epochs=8, checkpoint_every=2, learning_rate=1e-2)
+
+
+def follow(policy, parameters, scene, starts, dt=0.02, acceleration_limit=None, duration=15.0) -> Followed:
+    """Follow a policy from rest at each start [m, rad], for `duration` [s] at most."""
+    follower = make_follower(policy, scene, duration, dt, acceleration_limit)
+    return follower(parameters, starts, np.full(len(starts), duration))
 
 
 def empty_scene() -> Scene:

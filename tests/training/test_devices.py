@@ -116,7 +116,7 @@ elif __name__ == "__main__":  # in the process with four devices
 
     prepared = prepare(FitProblem(policy, *labels, four, 3))
     compiled = compile_training(policy, four, prepared.state, prepared.training, prepared.validation, prepared.keys, SI)
-    text = compiled.epoch_text()
+    text = compiled._epoch.as_text()
     # Each device multiplies its 16 of the 64 rows of a batch, and the gradients are added up.
     split = "f32[16,16]" in text and "all-reduce" in text and "f32[64,16]" not in text
     print(json.dumps({"devices": len(fitted.by_seed.normalization.mean.devices()), "split": split}))

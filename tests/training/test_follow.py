@@ -2,10 +2,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, table_scene
+from synthetic import ACCELERATION, LIMITS, SMALL, TARGET, VELOCITY, empty_scene, follow, table_scene
 
 from agile_jax.policy import ResidualField, make_policy
-from agile_jax.training import Followed, follow, make_follower
+from agile_jax.training import Followed, make_follower
 from agile_jax.training.kinematic_test.follow import ARRIVED, COLLIDED, STALLED, TIMEOUT
 
 DT = 0.02

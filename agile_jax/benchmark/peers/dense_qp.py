@@ -93,10 +93,3 @@ def violations(problem: DenseQp, x: Array, pyramid: bool) -> Violations:
     torque, joint = np.split(np.maximum(over, 0.0), 2)
     cone = np.maximum(planar - problem.friction * force[:, 2], normal)
     return Violations(max(float(cone.max()), 0.0), float(torque.max()), float(joint.max()))
-
-
-def all_forces(problem: DenseQp, x: Array) -> Array:
-    """A solution x (n,) with zeros for the feet in the air. Shape (12N,)."""
-    forces = np.zeros(len(problem.columns))
-    forces[problem.columns] = x
-    return forces

@@ -19,12 +19,8 @@ from agile_jax.expert import ExpertSettings
 from agile_jax.scene import POSE_SIZE, Scene
 
 OPTIONS: dict[str, bool] = {"expand": True, "print_time": False}
-IPOPT: dict[str, int | str] = {
-    "print_level": 0,
-    "sb": "yes",
-    "linear_solver": "mumps",
-    "option_file_name": "",
-}  # all else is the default
+# All else is the default.
+IPOPT: dict[str, int | str] = {"print_level": 0, "sb": "yes", "linear_solver": "mumps", "option_file_name": ""}
 SHORTEST = 1e-3  # [s]
 
 

@@ -12,7 +12,6 @@ from jaxtyping import Array, Float
 from agile_jax.arrays import AnyArray
 from agile_jax.geometry import rotation_2d
 from agile_jax.scene import streams
-from agile_jax.simulation import TimedPath
 
 HEIGHT_RATE = 4.0  # climb or crouch per height error [1/s]
 CLIMB = 0.3  # fastest [m/s]
@@ -26,16 +25,9 @@ class Command(NamedTuple):
     height: Float[AnyArray, ""]  # of the trunk's origin [m]
 
 
-def obey(
-    parameters: Command,
-    path: TimedPath | None,
-    pose: Float[Array, "4"],
-    velocity: Float[Array, "4"],
-    time: Float[Array, ""],
-    dt: float,
-) -> Float[Array, "4"]:
-    """The `simulation.Guidance` of a command, which is its parameters."""
-    command, pose = parameters, pose + velocity * dt
+def obey(command: Command, pose: Float[Array, "4"], velocity: Float[Array, "4"], dt: float) -> Float[Array, "4"]:
+    """The velocity [m/s, rad/s] that a command wants after `dt` [s], from a pose [m, rad] and its velocity."""
+    pose = pose + velocity * dt
     planar = rotation_2d(pose[3], jnp) @ command.velocity
     climb = jnp.clip(HEIGHT_RATE * (command.height - pose[2]), -CLIMB, CLIMB)
     return jnp.stack([planar[0], planar[1], climb, command.yaw_rate])

@@ -21,15 +21,15 @@ from agile_jax.control import (
     Diagnostics,
     MpcController,
     Reference,
-    as_float32,
     make_mpc_controller,
 )
 from agile_jax.control.mpc.problem import Qp
 from agile_jax.progress import Progress, silent
-from agile_jax.robot import RobotSettings, RobotState, build_mujoco_model, load_robot, robot_state, standing_qpos
+from agile_jax.robot import RobotSettings, RobotState, build_mujoco_model, load_robot, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
+from agile_jax.single_precision import as_float32
 
 SETTLED = 20  # plans before the first record
 TILT, SPEED, RATE = 0.2, 0.8, 2.0  # of the disturbance [rad], [m/s], [rad/s]
@@ -78,8 +78,7 @@ class RecordingController:
 
     def problem(self, state: RecordedState, sensed: Sensed) -> Qp:
         """The problem of the last plan, had this been sensed then."""
-        measured = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
-        return self.controller.problem(state.before, measured, state.reference)
+        return self.controller.problem(state.before, sensed.robot_state, state.reference)
 
 
 def draw_commands(rng: np.random.Generator, robots: int) -> Command:
@@ -147,7 +146,7 @@ def record_problems(
         states = loop.init(sensed, commands, draw(robots, seed))
         for k in range(plans):
             measured = sensed
-            _, states, sensed = plan_cycle(loop, step, None, states, sensed, loop.acts_per_plan, on_host)
+            _, states, sensed = plan_cycle(loop.plan, loop.act, step, None, states, sensed, loop.acts_per_plan, on_host)
             if k in moments:
                 calm.append(problem(states.controller, measured))
                 hard.append(problem(states.controller, disturbed(measured, rng)))

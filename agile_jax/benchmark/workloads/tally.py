@@ -10,9 +10,9 @@ from jaxtyping import Array, Float
 from agile_jax.benchmark.workloads.commands import Command
 from agile_jax.control import Counts
 from agile_jax.geometry import quaternion_to_matrix, rotation_2d
-from agile_jax.robot import RobotModel
+from agile_jax.robot import RobotModel, trunk_pose
 from agile_jax.simulation import Sensed
-from agile_jax.simulation.outcome import LARGEST_SPEED, LARGEST_TILT_COSINE, trunk_pose
+from agile_jax.simulation.outcome import LARGEST_SPEED, LARGEST_TILT_COSINE
 
 SETTLING = 1.0  # what is not counted at the beginning [s]
 
@@ -61,7 +61,7 @@ def update_tally(
     R = quaternion_to_matrix(sensed.qpos[3:7], jnp)
     finite = jnp.isfinite(sensed.qpos).all() & (jnp.abs(sensed.qvel) < LARGEST_SPEED).all()
     fallen = ~finite | sensed.floor_contact | (R[2, 2] < LARGEST_TILT_COSINE)
-    pose = trunk_pose(sensed)
+    pose = trunk_pose(sensed.qpos, jnp)
     error = sensed.qvel[:2] @ rotation_2d(pose[3], jnp) - command.velocity
     yaw_rate = (R @ sensed.qvel[3:6])[2]
     counted = time >= SETTLING

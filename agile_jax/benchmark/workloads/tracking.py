@@ -26,15 +26,15 @@ from agile_jax.benchmark.workloads.disturbance import (
     sense,
 )
 from agile_jax.benchmark.workloads.tally import Tally, columns, empty_tally, update_tally
-from agile_jax.control import Controller, ControlSettings, Diagnostics, as_float32
+from agile_jax.control import Controller, ControlSettings, Diagnostics
 from agile_jax.progress import Progress, silent
-from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, robot_state, standing_qpos
+from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, standing_qpos, trunk_pose
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
 from agile_jax.simulation.closed_loop import counted_while
-from agile_jax.simulation.outcome import trunk_pose
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
-from agile_jax.simulation.reference import ReferenceState, plan_reference
+from agile_jax.simulation.reference import ReferenceState, plan_reference, policy_guidance
+from agile_jax.single_precision import as_float32
 
 UNDISTURBED = Disturbance()
 ACCELERATION = (1.5, 1.5, 1.0, 3.0)  # of the reference [m/s^2, rad/s^2]; the expert's default
@@ -71,12 +71,12 @@ class Tracking:
 
     def init(self, sensed: Sensed, command: Command, draws: Draws) -> Tracked:
         """Begin: a robot at rest, its command, and what its disturbances drew."""
-        state = self.controller.init(robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact))
+        state = self.controller.init(sensed.robot_state)
         return Tracked(
             command,
             draws,
             state,
-            ReferenceState(trunk_pose(sensed), jnp.zeros(4)),
+            ReferenceState(trunk_pose(sensed.qpos, jnp), jnp.zeros(4)),
             self.controller.diagnostics(state),
             empty_tally(),
             jnp.float32(0.0),
@@ -90,10 +90,16 @@ class Tracking:
         sensed = self._seen(now, sensed)
         limit = jnp.array(ACCELERATION)
         reference_state, reference = plan_reference(
-            obey, now.command, None, now.reference, trunk_pose(sensed), now.time, limit, self.settings
+            policy_guidance(obey),
+            now.command,
+            None,
+            now.reference,
+            trunk_pose(sensed.qpos, jnp),
+            now.time,
+            limit,
+            self.settings,
         )
-        measured = robot_state(sensed.qpos, sensed.qvel, sensed.foot_contact)
-        state = self.controller.plan(now.controller, measured, reference)
+        state = self.controller.plan(now.controller, sensed.robot_state, reference)
         return now._replace(controller=state, reference=reference_state, diagnostics=self._diagnostics(now, state))
 
     def act(self, now: Tracked, sensed: Sensed) -> Tracked:
@@ -102,7 +108,7 @@ class Tracking:
             now.tally, now.time, sensed, now.command, now.queue[0], now.diagnostics.cone_violation, self.robot
         )
         seen = self._seen(now, sensed)
-        state, torque = self.controller.act(now.controller, robot_state(seen.qpos, seen.qvel, seen.foot_contact))
+        state, torque = self.controller.act(now.controller, seen.robot_state)
         if self.disturbance.torque_noise:
             error = now.draws.torque_error + jax.random.normal(_key(now, 1), (12,))
             torque = torque * (1 + self.disturbance.torque_noise * error)
@@ -214,7 +220,9 @@ def track_commands(
         sensed = physics.reset(np.repeat(np.asarray(start)[None], count, 0))
         world, states = (0, sensed), loop.init(sensed, as_float32(commands), draws)
         for k in range(plans):
-            world, states, sensed = plan_cycle(loop, step, world, states, sensed, loop.acts_per_plan, on_host)
+            world, states, sensed = plan_cycle(
+                loop.plan, loop.act, step, world, states, sensed, loop.acts_per_plan, on_host
+            )
             active &= ~np.isfinite(np.asarray(states.tally.fall_time))
             if watch is not None:
                 watch(sensed, states)

@@ -230,6 +230,5 @@ def _with_rest(trajectory: Trajectory) -> Trajectory:
     wait = times[-1] / len(controls)
     padded = np.concatenate([[0.0], times + wait, times[-1:] + 2 * wait])
     still = np.zeros((1, POSE_SIZE))
-    return Trajectory(
-        padded, np.concatenate([states[:1], states, states[-1:]]), np.concatenate([still, controls, still])
-    )
+    states = np.concatenate([states[:1], states, states[-1:]])
+    return Trajectory(padded, states, np.concatenate([still, controls, still]))

@@ -59,8 +59,6 @@ SOLVERS: dict[str, tuple[str, Mapping[str, object]]] = {
     "fatrop-careful": ("fatrop", FATROP_CAREFUL),
     "ipopt": ("ipopt", IPOPT),
 }
-
-
 EQUALITIES = ("step", "end", "crossing")
 
 

@@ -16,11 +16,12 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int32
 
+from agile_jax.policy.kinds import float32_scene
 from agile_jax.policy.network import PolicyParameters
 from agile_jax.policy.policy import Policy
-from agile_jax.policy.single_precision import float32_scene, in_single_precision
 from agile_jax.policy.velocity_tracker import track
 from agile_jax.scene import POSE_SIZE, Scene, clearance, pose_error
+from agile_jax.single_precision import in_single_precision
 
 ARRIVED, COLLIDED, STALLED, TIMEOUT = range(4)
 OUTCOMES = ("arrived", "collided", "stalled", "timeout")
@@ -192,18 +193,3 @@ def make_follower(
     """
     limit = np.full(POSE_SIZE, np.inf) if acceleration_limit is None else acceleration_limit
     return Follower(policy, float32_scene(scene), duration, dt, np.asarray(limit, np.float32), tolerance)
-
-
-def follow(
-    policy: Policy,
-    parameters: PolicyParameters,
-    scene: Scene,
-    starts: Float[np.ndarray, "n 4"],
-    dt: float = 0.02,
-    acceleration_limit: Float[np.ndarray, "4"] | None = None,
-    duration: float = 15.0,
-    tolerance: tuple[float, float] = TOLERANCE,
-) -> Followed:
-    """Follow a policy from rest at each start [m, rad], for `duration` [s] at most; see `make_follower`."""
-    follower = make_follower(policy, scene, duration, dt, acceleration_limit, tolerance)
-    return follower(parameters, starts, np.full(len(starts), duration))

@@ -74,13 +74,8 @@ class KinematicTest:
 
         def run(parameters: PolicyParameters) -> dict[str, float]:
             followed = follower(parameters, starts, np.full(len(starts), duration))
-            found = {
-                "field_arrived_rate": followed.rate(ARRIVED),
-                "field_collision_rate": followed.rate(COLLIDED),
-                "field_stall_rate": followed.rate(STALLED),
-            }
             clearance = float(followed.min_clearance.min())
-            return found | ({"field_min_clearance_m": clearance} if np.isfinite(clearance) else {})
+            return _rates(followed) | ({"field_min_clearance_m": clearance} if np.isfinite(clearance) else {})
 
         return IntermediateTest(self.settings.every, run)
 
@@ -130,6 +125,12 @@ def worst_rows(followed: Followed, ratio: Float[np.ndarray, " n"]) -> Int[np.nda
     return np.array(list(dict.fromkeys([*failed, *by_clearance, *late])), int)
 
 
+def _rates(followed: Followed) -> dict[str, float]:
+    """What the intermediate and the full test tell."""
+    names = {"field_arrived_rate": ARRIVED, "field_collision_rate": COLLIDED, "field_stall_rate": STALLED}
+    return {name: followed.rate(outcome) for name, outcome in names.items()}
+
+
 def summarise(
     followed: Followed, ratios: Float[np.ndarray, " k"], settings: KinematicTestSettings
 ) -> dict[str, int | float | None]:
@@ -142,9 +143,7 @@ def summarise(
     return {
         "field_starts": len(followed.outcome),
         "field_headroom": settings.headroom,
-        "field_arrived_rate": followed.rate(ARRIVED),
-        "field_collision_rate": followed.rate(COLLIDED),
-        "field_stall_rate": followed.rate(STALLED),
+        **_rates(followed),
         "field_timeout_rate": followed.rate(TIMEOUT),
         "field_time_ratio_median": over(ratios, 0.5),
         "field_time_ratio_p95": over(ratios, 0.95),
