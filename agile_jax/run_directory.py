@@ -191,7 +191,7 @@ def _inputs(run_dir: pathlib.Path, stage: str) -> dict[str, str]:
         shown = [run_dir / "experiment.toml", *sorted(run_dir.glob("dataset/*.json"))]
         shown += [path for end in ("json", "jsonl", "npz") for path in sorted(run_dir.glob(f"training/*.{end}"))]
         shown += [path for end in ("json", "npz") for path in sorted(run_dir.glob(f"evaluation/*.{end}"))]
-        return list_files(run_dir, *(path for path in shown if path.name != "names.json"))
+        return list_files(run_dir, *shown)
     manifest = read_json(run_dir / "dataset" / "manifest.json") or {}
     if stage == "training" and isinstance(manifest.get("dataset_hash"), str):
         return {"labels": str(manifest["dataset_hash"])}

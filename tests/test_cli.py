@@ -169,6 +169,7 @@ def test_help_is_everywhere(folder: pathlib.Path, call: Call) -> None:
         assert "--scene.obstacles.0.underside FLOAT" in out  # the file's table
         assert ("--training.momentum" in out) == (words == ["--help-all"])
         assert max(map(len, out.splitlines())) <= 100
+    assert "`agile benchmark mpc --help SECTION`" in call("benchmark", "mpc", "--help")[1]
     assert call()[0] == 2
 
 

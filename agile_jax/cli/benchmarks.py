@@ -10,47 +10,46 @@ from agile_jax.settings import BadInput, Count, Positive, Settings
 Measured = tuple[pathlib.Path | None, Mapping[str, object], str]  # where to write, what, and as a table
 
 
-class StartsOptions(Settings):
-    """A benchmark over starts."""
+class Output(Settings):
+    """What every benchmark takes."""
 
-    starts: Count = 100
-    """Starts of the experiment's distribution."""
     output: pathlib.Path | None = None
     """Write all numbers there, for example benchmark.json."""
 
 
-class MpcOptions(Settings):
+class StartsOptions(Output):
+    """A benchmark over starts."""
+
+    starts: Count = 100
+    """Starts of the experiment's distribution."""
+
+
+class MpcOptions(Output):
     """A benchmark of the MPC's solver."""
 
     problems: Count = 1000
     """Problems of each kind, calm and hard."""
-    output: pathlib.Path | None = None
-    """Write all numbers there, for example mpc.json."""
 
 
-class TrainingOptions(Settings):
+class TrainingOptions(Output):
     """A benchmark of the training."""
 
     steps: Count = 4
     """Steps of the optimiser in each repetition."""
     repetitions: Count = 20
     """Repetitions of each method."""
-    output: pathlib.Path | None = None
-    """Write all numbers there, for example benchmark.json."""
 
 
-class EvaluationOptions(Settings):
+class EvaluationOptions(Output):
     """A benchmark of the evaluation."""
 
     run_dir: pathlib.Path | None = None
     """Where the trained policy is; runs/NAME if not given."""
     threads: Count = 2
     """Threads of the C physics."""
-    output: pathlib.Path | None = None
-    """Write all numbers there, for example benchmark.json."""
 
 
-class TrackingOptions(Settings):
+class TrackingOptions(Output):
     """How the controller follows commands, and what it survives."""
 
     episodes: Count = 200
@@ -59,8 +58,6 @@ class TrackingOptions(Settings):
     """Length of a tracking episode [s]."""
     disturbed_duration: Positive = 5.0
     """Length of an episode with a disturbance [s]."""
-    output: pathlib.Path | None = None
-    """Write all numbers there, for example tracking.json."""
 
 
 def run_benchmark(argv: list[str], progress: Progress) -> None:

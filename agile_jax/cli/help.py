@@ -41,7 +41,8 @@ def help_text(usage: str, own: Iterable[Option], settings: Sequence[Option], wan
     Raises:
         BadInput: there is no such section.
     """
-    command, does = " ".join(usage.split()[:2]), COMMANDS[usage.split()[1]][1]
+    words = [word for word in usage.split() if word.islower()]  # its arguments are in capitals
+    command, does = " ".join(words), COMMANDS[words[1]][1]
     sections = ", ".join(dict.fromkeys(one.key.partition(".")[0] for one in settings if "." in one.key))
     lines = [f"usage: {usage} [OPTIONS]", "", f"{does[:1].upper()}{does[1:]}.", ""]
     lines += [line for one in own if wanted in ("", ALL) for line in _entry(one)]

@@ -18,8 +18,8 @@ _PLACE = "<body>"
 
 def summaries(run_dir: pathlib.Path) -> dict[str, str]:
     """The sha256 of each summary that a report of the run would tell of, by the path in the run directory."""
-    evaluations = [path for path in run_dir.glob("evaluation/*.json") if path.stem != "names"]
-    paths = [run_dir / "dataset/summary.json", run_dir / "training/summary.json", *sorted(evaluations)]
+    paths = [run_dir / "dataset/summary.json", run_dir / "training/summary.json"]
+    paths += sorted(run_dir.glob("evaluation/*.json"))
     return {path.relative_to(run_dir).as_posix(): sha256(path.read_bytes()) for path in paths if path.is_file()}
 
 

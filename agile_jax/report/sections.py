@@ -4,6 +4,7 @@ import pathlib
 import tomllib
 from collections.abc import Mapping
 
+from agile_jax import files
 from agile_jax.report import definitions
 from agile_jax.report.json_files import Summary, read_json
 from agile_jax.report.outdated import summaries
@@ -79,8 +80,6 @@ _EVALUATION: Words = {
     "seconds": ("time", "s"),
     "device": ("device", ""),
 }
-SAME_TOLERANCE = "arrival_time_ratio_same_tolerance_median"
-WHOLE_PATH = "arrival_time_ratio_median"
 MEANINGFUL_SHARE = 0.5  # below which the noise floor is no more than a guess (training/noise_floor.py)
 
 
@@ -128,13 +127,8 @@ def overview(
         interval = f"{percent(result.get('success_rate_low'))} to {percent(result.get('success_rate_high'))}"
         label = f"success, {backend}, {result.get('episodes', '–')} starts (95 %: {interval})"
         entries.append((percent(result.get("success_rate")), label))
-        if SAME_TOLERANCE in result:
-            entries.append(
-                (_formatted(result[SAME_TOLERANCE], ".3f"), f"arrival time over the expert's, {backend}, median")
-            )
-        else:
-            words = f"arrival time over the duration of the expert's whole path, {backend}, median"
-            entries.append((_formatted(result.get(WHOLE_PATH), ".3f"), words))
+        ratio = _formatted(result.get("arrival_time_ratio_same_tolerance_median"), ".3f")
+        entries.append((ratio, f"arrival time over the expert's, {backend}, median"))
     if training:
         floor = _formatted(training.get("noise_floor_mse"), ".3g")
         entries.append((_formatted(training.get("validation_mse"), ".3g"), f"validation error (noise floor {floor})"))
@@ -201,12 +195,10 @@ def sources(run_dir: pathlib.Path) -> str:
 
 
 def _key(run_dir: pathlib.Path, summary: str) -> str:
-    """The key under which the result of a summary is kept, as its record says; "" where there is none."""
+    """The key under which the result of a summary is kept, as it or its record says; "" where there is none."""
     path = run_dir / summary
-    stage = path.parent / ("stage.json" if path.name == "summary.json" else f"stages/{path.name}")
-    names = read_json(path.parent / "names.json") or {}
-    record = read_json(stage) or {}
-    return str(names.get(path.stem) or record.get("key") or record.get("hash") or "")[:16]
+    record = files.read_json(path.with_name("stage.json")) or {}  # an evaluation has none there
+    return str((files.read_json(path) or {}).get("evaluation_key") or record.get("key") or "")[:16]
 
 
 def settings_section(run_dir: pathlib.Path) -> Section:

@@ -159,8 +159,11 @@ def test_a_report_older_than_what_it_tells_of_is_marked(run_dir, inputs):
 
 def test_the_report_names_what_it_tells_of(run_dir, inputs):
     (run_dir / "training/stage.json").write_text(json.dumps({"key": "feedc0de" * 8}))
+    summary = json.loads((run_dir / "evaluation/mujoco.json").read_text()) | {"evaluation_key": "0b57ac1e" * 8}
+    (run_dir / "evaluation/mujoco.json").write_text(json.dumps(summary))
     text = Page(write_report(without_video(inputs), run_dir).read_text()).text
-    assert "feedc0de" in text
+    assert "feedc0de" * 2 + " " in text  # cut to the letters that tell it apart
+    assert "0b57ac1e" * 2 + " " in text
     for name in ("dataset/summary.json", "training/summary.json", "evaluation/mujoco.json"):
         assert name in text
         assert sha256((run_dir / name).read_bytes())[:16] in text

@@ -16,10 +16,6 @@ from agile_jax.robot import GRAVITY
 from agile_jax.scene import Scene
 from agile_jax.simulation import OUTCOME_NAMES, SUCCESS
 
-ARRIVAL_LABELS = {  # by what the arrival is compared with
-    "expert_arrival_time": "arrival time over the expert's",
-    "expert_time": "arrival time over the\nduration of the expert's path",
-}
 CELL = 0.25  # edge of a map's cells [m]
 OUTCOME_LOOKS = {  # colour and marker: told apart without colour, too
     "success": (style.BLUE, "o"),
@@ -48,9 +44,8 @@ def qualities(columns: Mapping[str, Float[np.ndarray, " n"]], mass: float) -> li
     success = columns.get("outcome", np.zeros(0)) == SUCCESS
     every = np.ones_like(success)
     found = []
-    yardstick = "expert_arrival_time" if "expert_arrival_time" in columns else "expert_time"
     for label, names, scale, mark, counted in (
-        (ARRIVAL_LABELS[yardstick], ("arrival_time", yardstick), 1.0, 1.0, success),
+        ("arrival time over the expert's", ("arrival_time", "expert_arrival_time"), 1.0, 1.0, success),
         ("least clearance of the robot [mm]", ("min_clearance",), 1e3, 0.0, every),
         ("velocity error, rms [m/s]", ("velocity_tracking_rmse",), 1.0, None, every),
         ("cost of transport", ("work", "distance"), 1 / (mass * GRAVITY), None, success),
