@@ -42,9 +42,14 @@ def duty(settings: GaitSettings, gait: Gait) -> Float[Array, ""]:
     return settings.duty + (settings.walk_duty - settings.duty) * gait.walk
 
 
+def _unwrapped(gait: Gait, phase: jax.Array) -> jax.Array:
+    """Phase of each leg, whole strides included. Shape (...) to (..., 4)."""
+    return phase[..., None] + jnp.array(TROT_OFFSETS) + gait.walk * jnp.array(WALK_SHIFT)
+
+
 def leg_phase(gait: Gait, phase: jax.Array) -> jax.Array:
     """Phase of each leg in [0, 1): it stands while below the duty, then swings. Shape (...) to (..., 4)."""
-    return jnp.mod(phase[..., None] + jnp.array(TROT_OFFSETS) + gait.walk * jnp.array(WALK_SHIFT), 1.0)
+    return jnp.mod(_unwrapped(gait, phase), 1.0)
 
 
 def scheduled(settings: GaitSettings, gait: Gait) -> Bool[Array, "4"]:
@@ -106,11 +111,8 @@ def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: Float[Array, " N
 
 def landings_ahead(settings: GaitSettings, gait: Gait, elapsed: Float[Array, " N"]) -> Int[Array, "N 4"]:
     """How often each foot will have landed by the clock after the given times [s]."""
-
-    def strides(phase: jax.Array) -> jax.Array:
-        return jnp.floor(phase[..., None] + jnp.array(TROT_OFFSETS) + gait.walk * jnp.array(WALK_SHIFT))
-
-    return (strides(_phase_after(settings, gait, elapsed)) - strides(gait.phase)).astype(jnp.int32)
+    after = jnp.floor(_unwrapped(gait, _phase_after(settings, gait, elapsed)))
+    return (after - jnp.floor(_unwrapped(gait, gait.phase))).astype(jnp.int32)
 
 
 def advance(settings: GaitSettings, gait: Gait, dt: float, touching: Bool[Array, "4"] | None) -> Gait:

@@ -17,17 +17,15 @@ DIGITS = 40  # bits of a number that count: compilers round the last ones of 53 
 def robot_digest(settings: RobotSettings) -> str | None:
     """The sha256 of the robot's compiled model, wherever its files are; None for the package's own robot.
 
-    It covers every array of the model that is simulated: what an included file or a mesh says, but no comment or path.
+    It covers every array of the model that is simulated, floats to twelve digits: what an included file or a mesh says,
+    but no comment or path.
 
     Raises:
         BadInput: the MJCF cannot be used; with the reason.
     """
-    return None if settings.name == OWN else model_digest(robot_spec(settings).compile())
-
-
-def model_digest(model: mujoco.MjModel) -> str:
-    """The sha256 of all arrays of a compiled model, floats to twelve digits."""
-    digest = hashlib.sha256()
+    if settings.name == OWN:
+        return None
+    model, digest = robot_spec(settings).compile(), hashlib.sha256()
     for name in dir(model):
         values = getattr(model, name, None)
         if not isinstance(values, np.ndarray) or name.startswith("bvh_"):  # found from the others, and large

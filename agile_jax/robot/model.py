@@ -3,7 +3,6 @@
 from types import ModuleType
 from typing import NamedTuple
 
-import mujoco
 import numpy as np
 from jaxtyping import Bool, Float
 
@@ -65,11 +64,7 @@ def load_robot(settings: RobotSettings) -> RobotModel:
     Raises:
         BadInput: its MJCF cannot be used; with the reason.
     """
-    return read_robot(robot_spec(settings).compile())
-
-
-def read_robot(model: mujoco.MjModel) -> RobotModel:
-    """The constants of a compiled model whose bodies, joints and geoms are those of `mjcf.robot_spec`."""
+    model = robot_spec(settings).compile()
     links = range(1, 1 + LINK_COUNT)
     axes = quaternion_to_matrix(model.body_iquat[links])
     inertias = np.einsum("bij,bj,bkj->bik", axes, model.body_inertia[links], axes)

@@ -78,24 +78,12 @@ def _visual(spec: mujoco.MjSpec, kind: mujoco.mjtGeom, **attributes: object) -> 
 
 
 def _add_floor_and_light(spec: mujoco.MjSpec) -> None:
-    spec.add_texture(
-        name="sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.75, 0.82, 0.90],
-        rgb2=[0.95, 0.97, 1.0],
-        width=256,
-        height=256,
-    )
-    spec.add_texture(
-        name="checker",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.80, 0.82, 0.84],
-        rgb2=[0.70, 0.72, 0.75],
-        width=256,
-        height=256,
-    )
+    kinds, patterns = mujoco.mjtTexture, mujoco.mjtBuiltin
+    for name, kind, pattern, first, second in (
+        ("sky", kinds.mjTEXTURE_SKYBOX, patterns.mjBUILTIN_GRADIENT, [0.75, 0.82, 0.90], [0.95, 0.97, 1.0]),
+        ("checker", kinds.mjTEXTURE_2D, patterns.mjBUILTIN_CHECKER, [0.80, 0.82, 0.84], [0.70, 0.72, 0.75]),
+    ):
+        spec.add_texture(name=name, type=kind, builtin=pattern, rgb1=first, rgb2=second, width=256, height=256)
     floor = spec.add_material(name="floor", texrepeat=[2.0, 2.0], texuniform=True)
     floor.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "checker"
     spec.worldbody.add_geom(

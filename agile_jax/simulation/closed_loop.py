@@ -5,6 +5,7 @@ differ only in who integrates the physics between two calls of `act`.
 """
 
 import dataclasses
+from functools import partial
 from typing import NamedTuple, TypeVar
 
 import jax
@@ -85,9 +86,7 @@ class ClosedLoop:
             sensed: now.
         """
         reference_state, reference = plan_reference(
-            self.guidance,
-            parameters,
-            path,
+            partial(self.guidance, parameters, path),
             episode.reference,
             trunk_pose(sensed.qpos, jnp),
             episode.outcome.time,

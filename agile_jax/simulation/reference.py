@@ -17,6 +17,8 @@ from agile_jax.geometry import wrap_angle
 from agile_jax.policy.velocity_tracker import track
 from agile_jax.simulation.paths import TimedPath
 
+Guide = Callable[[Float[Array, "4"], Float[Array, "4"], Float[Array, ""], float], Float[Array, "4"]]
+"""A `Guidance` with its parameters and path: (pose, velocity, time, dt) of the reference to the velocity wanted."""
 CommandFunction = Callable[[PyTree, Float[Array, "4"], Float[Array, "4"], float], Float[Array, "4"]]
 """`Policy.command`: (parameters, pose, velocity, dt) to the velocity that is wanted a step later [m/s, rad/s]."""
 
@@ -58,9 +60,7 @@ def policy_guidance(command: CommandFunction) -> Guidance:
 
 
 def drive(
-    guidance: Guidance,
-    parameters: PyTree,
-    path: TimedPath | None,
+    guide: Guide,
     state: ReferenceState,
     time: Float[Array, ""],
     acceleration_limit: Float[Array, "4"],
@@ -69,13 +69,13 @@ def drive(
     """One step along what is followed.
 
     Args:
-        guidance, parameters, path: what to follow.
+        guide: what to follow.
         state: pose and velocity.
         time: on the clock of the episode [s].
         acceleration_limit: per axis [m/s^2, rad/s^2].
         dt: [s].
     """
-    wanted = guidance(parameters, path, state.pose, state.velocity, time, dt)
+    wanted = guide(state.pose, state.velocity, time, dt)
     velocity = track(wanted, state.velocity, acceleration_limit, dt)
     return ReferenceState(state.pose + velocity * dt, velocity)
 
@@ -94,9 +94,7 @@ def limit_lead(state: ReferenceState, pose: Float[Array, "4"], settings: Control
 
 
 def plan_reference(
-    guidance: Guidance,
-    parameters: PyTree,
-    path: TimedPath | None,
+    guide: Guide,
     state: ReferenceState,
     pose: Float[Array, "4"],
     time: Float[Array, ""],
@@ -106,7 +104,7 @@ def plan_reference(
     """Advance the reference by one planning step and preview it over the MPC's horizon.
 
     Args:
-        guidance, parameters, path: what to follow.
+        guide: what to follow.
         state: of the reference at the last plan.
         pose: measured [x, y, z, yaw] of the trunk [m, rad].
         time: on the clock of the episode [s].
@@ -117,11 +115,11 @@ def plan_reference(
         The new state, and the reference of the horizon.
     """
     state = limit_lead(state, pose, settings)
-    now = drive(guidance, parameters, path, state, time, acceleration_limit, settings.plan_dt)
+    now = drive(guide, state, time, acceleration_limit, settings.plan_dt)
 
     def step(carry: ReferenceState, k: jax.Array) -> tuple[ReferenceState, ReferenceState]:
         then = time + settings.plan_dt + k * settings.mpc.mpc_dt
-        following = drive(guidance, parameters, path, carry, then, acceleration_limit, settings.mpc.mpc_dt)
+        following = drive(guide, carry, then, acceleration_limit, settings.mpc.mpc_dt)
         return following, following
 
     _, ahead = jax.lax.scan(step, now, jnp.arange(settings.mpc.horizon, dtype=jnp.float32))

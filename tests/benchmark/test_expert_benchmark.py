@@ -120,7 +120,7 @@ def test_numbers_of_a_small_run_fit_together():
     metrics = {key: metric["value"] for key, metric in result["metrics"].items()}
     rows = result["starts"]
     assert len(rows) == 3
-    assert calls[-1][:2] == (3, 3)
+    assert calls[-1][:3] == ("measuring", 3, 3)
     assert metrics["ours.solved"] == metrics["ours.accepted"] == 3
     assert metrics["ours.worst_clearance_violation"] == 0
     for peer in ("opti", "opti_smooth"):

@@ -1,5 +1,7 @@
 """The reference that drives along a field: its limits, its path, its lead."""
 
+from functools import partial
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -14,10 +16,8 @@ LIMIT = jnp.array([1.5, 1.5, 1.0, 3.0])
 TARGET = jnp.array([1.0, 0.5, 0.28, 0.0])
 
 
-def towards_target(
-    parameters: float, path: None, pose: jnp.ndarray, velocity: jnp.ndarray, time: jnp.ndarray, dt: float
-) -> jnp.ndarray:
-    return parameters * (TARGET - pose - velocity * dt)
+def towards_target(rate):
+    return lambda pose, velocity, time, dt: rate * (TARGET - pose - velocity * dt)
 
 
 def test_acceleration_stays_within_its_limits():
@@ -50,7 +50,7 @@ def test_reached_velocity_is_kept():
 def test_driving_along_a_linear_field_decays_exponentially():
     state = ReferenceState(TARGET + jnp.array([0.05, 0.0, 0.02, 0.0]), jnp.zeros(4))
     for _ in range(200):
-        state = drive(towards_target, 2.0, None, state, jnp.float32(0.0), LIMIT, 0.02)
+        state = drive(towards_target(2.0), state, jnp.float32(0.0), LIMIT, 0.02)
     np.testing.assert_allclose(state.pose, TARGET, atol=1e-3)
 
 
@@ -70,10 +70,10 @@ def test_the_lead_limit_pulls_back_only_what_leads_too_far_and_wraps_yaw():
 
 def test_horizon_continues_the_state_that_is_kept():
     state = ReferenceState(jnp.array([0.0, 0.0, 0.28, 0.0]), jnp.zeros(4))
-    kept, reference = plan_reference(towards_target, 1.0, None, state, state.pose, jnp.float32(0.0), LIMIT, SETTINGS)
+    kept, reference = plan_reference(towards_target(1.0), state, state.pose, jnp.float32(0.0), LIMIT, SETTINGS)
     np.testing.assert_array_equal(reference.pose, kept.pose)
     assert reference.poses.shape == (SETTINGS.mpc.horizon, 4)
-    first = drive(towards_target, 1.0, None, kept, jnp.float32(0.02), LIMIT, SETTINGS.mpc.mpc_dt)
+    first = drive(towards_target(1.0), kept, jnp.float32(0.02), LIMIT, SETTINGS.mpc.mpc_dt)
     np.testing.assert_allclose(reference.poses[0], first.pose, atol=1e-6)
     assert (np.diff(np.array(reference.poses[:, 0])) > 0).all()
 
@@ -90,7 +90,7 @@ def test_a_reference_that_follows_a_path_stays_on_it():
     worst = 0.0
     for k in range(200):
         time = 0.02 * k
-        state = drive(path_guidance, None, path, state, jnp.float32(time), limit, 0.02)
+        state = drive(partial(path_guidance, None, path), state, jnp.float32(time), limit, 0.02)
         expected = [float(jnp.interp(time + 0.02 - 0.5, times, poses[:, i])) for i in range(4)]
         worst = max(worst, float(jnp.abs(state.pose - jnp.array(expected)).max()))
     assert worst < 0.02

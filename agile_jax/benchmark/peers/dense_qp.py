@@ -76,11 +76,10 @@ def pyramid_rows(problem: DenseQp) -> Array:
     return np.kron(np.eye(len(problem.q) // 3), pyramid_block(problem.friction))
 
 
-def force_bounds(problem: DenseQp) -> tuple[Array, Array]:
-    """Bounds on x that the pyramid implies; with them every variable is bounded."""
-    size = len(problem.q) // 3
+def force_bounds(problem: DenseQp, feet: int) -> tuple[Array, Array]:
+    """Bounds on the forces of so many feet that the pyramid implies; with them every variable is bounded."""
     side = problem.friction * problem.force_max
-    return np.tile([-side, -side, 0.0], size), np.tile([side, side, problem.force_max], size)
+    return np.tile([-side, -side, 0.0], feet), np.tile([side, side, problem.force_max], feet)
 
 
 def violations(problem: DenseQp, x: Array, pyramid: bool) -> Violations:

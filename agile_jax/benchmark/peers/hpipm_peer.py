@@ -7,7 +7,7 @@ this one with the states substituted.
 
 import numpy as np
 
-from agile_jax.benchmark.peers.dense_qp import DenseQp, pyramid_block
+from agile_jax.benchmark.peers.dense_qp import DenseQp, force_bounds, pyramid_block
 from agile_jax.benchmark.peers.qp_peer import Peer, Solve
 from agile_jax.control.settings import MpcSettings
 
@@ -93,9 +93,7 @@ def stages(
             force = slice(at, at + sizes[k])
             B = np.asarray(qp.force_map[k], float)[:, np.repeat(stands[k], 3)]
             diagonal[force], linear[force] = float(qp.force_weight), B.T @ np.asarray(qp.linear[k], float)
-            side = problem.friction * problem.force_max
-            below[force] = np.tile([-side, -side, 0.0], feet)
-            above[force] = np.tile([side, side, problem.force_max], feet)
+            below[force], above[force] = force_bounds(problem, feet)
             add(begin[k], np.concatenate([A, E @ B, -np.eye(STATE)], 1), np.zeros(STATE), np.zeros(STATE))
         if k > 0:
             diagonal[begin[k] : begin[k] + STATE] = weights

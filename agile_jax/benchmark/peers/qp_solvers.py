@@ -34,7 +34,7 @@ class Rows(NamedTuple):
 def rows(problem: DenseQp) -> Rows:
     """A problem with the pyramid among its rows."""
     pyramid = pyramid_rows(problem)
-    below, above = force_bounds(problem)
+    below, above = force_bounds(problem, len(problem.q) // 3)
     return Rows(
         problem.P,
         problem.q,

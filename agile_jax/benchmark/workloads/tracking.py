@@ -33,7 +33,7 @@ from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
 from agile_jax.simulation.closed_loop import counted_while
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
-from agile_jax.simulation.reference import ReferenceState, plan_reference, policy_guidance
+from agile_jax.simulation.reference import ReferenceState, plan_reference
 from agile_jax.single_precision import as_float32
 
 UNDISTURBED = Disturbance()
@@ -88,15 +88,12 @@ class Tracking:
     def plan(self, now: Tracked, sensed: Sensed) -> Tracked:
         """Advance the reference, and plan."""
         sensed = self._seen(now, sensed)
-        limit = jnp.array(ACCELERATION)
         reference_state, reference = plan_reference(
-            policy_guidance(obey),
-            now.command,
-            None,
+            lambda pose, velocity, time, dt: obey(now.command, pose, velocity, dt),
             now.reference,
             trunk_pose(sensed.qpos, jnp),
             now.time,
-            limit,
+            jnp.array(ACCELERATION),
             self.settings,
         )
         state = self.controller.plan(now.controller, sensed.robot_state, reference)
