@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from agile_jax.engine import DaskEngine, TaskFailure, open_engine
+from agile_jax.engine import TaskFailure, dask_engine, open_engine
 from agile_jax.settings import BadInput
 
 ROOT = pathlib.Path(__file__).parents[1]
@@ -164,11 +164,12 @@ def test_workers_that_cannot_be_used_are_refused_and_late_ones_used(
 
 
 @pytest.mark.slow
-def test_a_cluster_that_goes_away_ends_the_work_with_its_cause(bare_cluster: Cluster) -> None:
+def test_a_cluster_that_goes_away_ends_the_work_with_its_cause(
+    bare_cluster: Cluster, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(dask_engine, "PATIENCE_S", 3)
     worker = bare_cluster.start_worker()
     with open_engine(bare_cluster.address) as engine:
-        assert isinstance(engine, DaskEngine)
-        engine._patience_s = 3
         results = engine.map(sleep, [0.3, 0.3, 0.3])
         next(results)
         worker.send_signal(signal.SIGINT)

@@ -10,13 +10,13 @@ from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.shard import RESIDUALS, SCHEMA, check_shard
 from agile_jax.expert import Residuals, rejection
 from agile_jax.files import read_json, sha256
+from agile_jax.geometry import GOLDEN
 from agile_jax.scene import POSE_SIZE, streams
 from agile_jax.settings import BadInput
 from agile_jax.store.npz import Arrays, read_npz
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
-GOLDEN = (5**0.5 - 1) / 2
 
 
 class Dataset(NamedTuple):

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 TRIES = 2  # at a task that exceeds the time limit
 PERIOD_S = 1.0  # between two looks at the workers
 PATIENCE_S = 120.0  # with a cluster that has no worker at all
+LOST = "the connection to the scheduler was lost"
 
 logger = logging.getLogger(__name__)
 
@@ -39,19 +40,15 @@ class Flight(NamedTuple, Generic[Task]):
 class DaskEngine:
     """Runs tasks through a dask.distributed client whose workers have one thread each."""
 
-    def __init__(
-        self, client: "Client", patience_s: float = PATIENCE_S, replenish: Callable[[], None] | None = None
-    ) -> None:
+    def __init__(self, client: "Client", replenish: Callable[[], None] | None = None) -> None:
         """Use a client.
 
         Args:
             client: of the cluster.
-            patience_s: with a cluster without workers.
             replenish: called while there are fewer workers than at the beginning; a nanny replaces its worker unless
                 that dies while it starts.
         """
         self._client = client
-        self._patience_s = patience_s
         self._replenish = replenish
         self._wanted = self.workers = max(1, len(client.nthreads()))
 
@@ -100,8 +97,8 @@ class DaskEngine:
             self.workers = max(1, watch.workers)
             if self._replenish is not None and watch.workers < self._wanted:
                 self._replenish()
-            if watch.deserted_s > self._patience_s:
-                end = f"the cluster has had no worker for {self._patience_s:g} s"
+            if watch.deserted_s > PATIENCE_S:
+                end = f"the cluster has had no worker for {PATIENCE_S:g} s"
             for key, worker in watch.overdue(time_limit_s):
                 position, task, future = flights.pop(key)
                 times_cut_off[position] += 1
@@ -118,9 +115,6 @@ class DaskEngine:
             [flight.position for flight in flights.values()] + [position for position, _ in waiting + suspects]
         ):
             yield position, TaskFailure(position, end)
-
-
-LOST = "the connection to the scheduler was lost"
 
 
 def _killed_its_worker(future: "Future") -> bool:

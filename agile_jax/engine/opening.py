@@ -85,9 +85,7 @@ def _local_client(workers: int) -> Iterator["Client"]:
         ) as cluster,
         Client(cluster) as client,
     ):
-        client.register_plugin(_ignore_interrupts())
-        if workers == len(cores := sorted(os.sched_getaffinity(0))):
-            client.register_plugin(_hold_to_one_core(cores))
+        client.register_plugin(_preparation(workers))
         yield client
 
 
@@ -143,32 +141,27 @@ def _environment_kept() -> Iterator[None]:
         os.environ.update(before)
 
 
-def _ignore_interrupts() -> "WorkerPlugin":
-    """Ctrl-C reaches every process of the terminal; only this one should act on it, and then close the workers."""
-    from distributed import WorkerPlugin
+def _preparation(workers: int) -> "WorkerPlugin":
+    """What each of the workers does when it starts.
 
-    class IgnoreInterrupts(WorkerPlugin):
-        def setup(self, worker: "Worker") -> None:
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-
-    return IgnoreInterrupts()
-
-
-def _hold_to_one_core(cores: list[int]) -> "WorkerPlugin":
-    """One core for each worker, where there is one for each.
-
-    JAX hands small pieces of work from thread to thread, and waking a thread on another core takes longer than they do:
-    one process simulates 64 robots faster on one core than on two (docs/benchmark.md).
+    It ignores Ctrl-C, which reaches every process of the terminal: only this one should act on it, and then close the
+    workers. Where there is a core for each of them, it holds itself to one: JAX hands small pieces of work from thread
+    to thread, and waking a thread on another core takes longer than they do. One process simulates 64 robots faster on
+    one core than on two (docs/benchmark.md).
     """
     from distributed import WorkerPlugin
 
-    class HoldToOneCore(WorkerPlugin):
-        def setup(self, worker: "Worker") -> None:
-            own = cores[int(worker.name) % len(cores)]
-            for thread in os.listdir("/proc/self/task"):  # threads that are yet to come inherit it
-                os.sched_setaffinity(int(thread), {own})
+    cores = sorted(os.sched_getaffinity(0))
 
-    return HoldToOneCore()
+    class Preparation(WorkerPlugin):
+        def setup(self, worker: "Worker") -> None:
+            signal.signal(signal.SIGINT, signal.SIG_IGN)
+            if workers == len(cores):
+                own = cores[int(worker.name) % len(cores)]
+                for thread in os.listdir("/proc/self/task"):  # threads that are yet to come inherit it
+                    os.sched_setaffinity(int(thread), {own})
+
+    return Preparation()
 
 
 @contextmanager

@@ -48,7 +48,7 @@ def summarise(columns: Columns, control: ControlSettings, seconds: float) -> dic
 
     def quantile(values: np.ndarray, q: float) -> float | None:
         values = values[np.isfinite(values)]
-        return finite_or_none(np.quantile(values, q)) if len(values) else None
+        return float(np.quantile(values, q)) if len(values) else None
 
     steps = columns["steps"]
     return {

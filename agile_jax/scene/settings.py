@@ -163,7 +163,7 @@ class SceneSettings(Settings):
 
     @model_validator(mode="after")
     def _bounds_hold_something(self) -> "SceneSettings":
-        for name, low, high in zip(("x", "y", "z", "yaw"), self.lower, self.upper, strict=True):
+        for name, low, high in zip(POSE_NAMES, self.lower, self.upper, strict=True):
             if not low < high:
                 raise ValueError(f"lower = {low} must be below upper = {high} for {name}")
         return self

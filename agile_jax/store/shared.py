@@ -7,14 +7,13 @@ A part counts when its own JSON tells its sha256, so one that is damaged, half w
 once is at worst made again. A run copies what it takes: damage in one folder does not reach the other.
 """
 
-import json
 import logging
 import pathlib
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from contextvars import ContextVar
 
-from agile_jax.files import read_json, sha256, write_atomic
+from agile_jax.files import read_json, sha256, write_atomic, write_json
 
 _folder: ContextVar[pathlib.Path | None] = ContextVar("store", default=None)
 logger = logging.getLogger(__name__)
@@ -57,7 +56,6 @@ def publish(path: pathlib.Path, data: bytes, items: int, note: Mapping[str, obje
         return
     try:
         write_atomic(path, data)
-        text = json.dumps({"sha256": sha256(data), "items": items, "note": dict(note)}, sort_keys=True)
-        write_atomic(path.with_suffix(".json"), text.encode())
+        write_json(path.with_suffix(".json"), {"sha256": sha256(data), "items": items, "note": dict(note)})
     except OSError as error:
         logger.warning("%s is not shared: %s", path, error)

@@ -114,22 +114,16 @@ def draw_success_map(ax: Axes, scene: Scene, outcomes: Outcomes) -> Axes:
     return ax
 
 
-def draw_distribution(ax: Axes, quality: Quality) -> Axes:
-    """The cumulative distribution of one quality over the episodes. Returns `ax`."""
-    style.dress(ax, quality.label)
-    values = np.sort(quality.values)
-    ax.plot(values, np.arange(1, len(values) + 1) / len(values), color=style.BLUE, linewidth=1.5)
-    if quality.mark is not None:
-        ax.axvline(quality.mark, color=style.BLACK, linewidth=0.8, linestyle=":")
-    ax.set_ylim(0, 1.02)
-    return ax
-
-
 def qualities_figure(found: list[Quality]) -> Figure:
     """Cumulative distributions of at least one quality, side by side."""
     figure = style.new_figure(2.1 * len(found) + 0.6, 2.6)
     panels = np.atleast_1d(figure.subplots(1, len(found), sharey=True))
     for ax, quality in zip(panels, found, strict=True):
-        draw_distribution(ax, quality)
+        style.dress(ax, quality.label)
+        values = np.sort(quality.values)
+        ax.plot(values, np.arange(1, len(values) + 1) / len(values), color=style.BLUE, linewidth=1.5)
+        if quality.mark is not None:
+            ax.axvline(quality.mark, color=style.BLACK, linewidth=0.8, linestyle=":")
+        ax.set_ylim(0, 1.02)
     panels[0].set_ylabel("fraction of the episodes", fontsize=9)
     return figure

@@ -33,12 +33,10 @@ def new_axes(width: float = 7.0, height: float = 4.0) -> Axes:
     return new_figure(width, height).add_subplot()
 
 
-def dress(ax: Axes, x_label: str = "", y_label: str = "", title: str = "") -> Axes:
+def dress(ax: Axes, x_label: str = "", y_label: str = "") -> None:
     """Labels, a light grid and no box around the data."""
     ax.set_xlabel(x_label, fontsize=9)
     ax.set_ylabel(y_label, fontsize=9)
-    if title:
-        ax.set_title(title, fontsize=10, loc="left")
     ax.tick_params(which="both", labelsize=8, color=GREY)
     ax.grid(True, color="#E6E6E6", linewidth=0.6)
     ax.set_axisbelow(True)
@@ -46,7 +44,6 @@ def dress(ax: Axes, x_label: str = "", y_label: str = "", title: str = "") -> Ax
         ax.spines[side].set_visible(False)
     for side in ("left", "bottom"):
         ax.spines[side].set_color(GREY)
-    return ax
 
 
 def legend(ax: Axes, location: str = "best", columns: int = 1, outside: bool = False, title: str | None = None) -> None:
