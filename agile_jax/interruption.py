@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from types import FrameType
 
-from agile_jax.progress import Progress
+from agile_jax.progress import Progress, shown
 
 
 class Interrupted(BaseException):
@@ -53,3 +53,10 @@ def persistent(progress: Progress, arrived: list[int]) -> Progress:
         progress(work, done, total, note)
 
     return checked
+
+
+@contextmanager
+def interruptible_progress() -> Iterator[Progress]:
+    """Progress on standard error; SIGINT and SIGTERM raise `Interrupted` inside."""
+    with interruptible() as arrived, shown() as progress:
+        yield persistent(progress, arrived)

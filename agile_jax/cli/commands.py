@@ -4,8 +4,6 @@ import json
 import math
 import pathlib
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 
 from agile_jax import pipeline
 from agile_jax.cli.arguments import EITHER, parse_experiment, parse_run_dir
@@ -14,8 +12,7 @@ from agile_jax.cli.overview import LAST_STAGE
 from agile_jax.cli.results import number, print_wrapped, result_lines
 from agile_jax.engine import check_engine
 from agile_jax.files import check_folder
-from agile_jax.interruption import interruptible, persistent
-from agile_jax.progress import Progress, shown
+from agile_jax.interruption import interruptible_progress
 from agile_jax.settings import BadInput, Count, Pose, Settings
 
 
@@ -79,7 +76,7 @@ def run_stages(command: str, argv: list[str]) -> int:
         for stage, intent in pipeline.forecast(experiment, run_dir, stages).items():
             print(f"  {stage:<12}{intent}")
         return DONE
-    with _progress() as progress:
+    with interruptible_progress() as progress:
         results = pipeline.run(
             experiment,
             run_dir,
@@ -114,7 +111,7 @@ def sweep(argv: list[str]) -> int:
     if options.dry_run:
         print(table(experiment, list_trials(experiment, sweep_dir)))
         return DONE
-    with _progress() as progress:
+    with interruptible_progress() as progress:
         trials = run_sweep(experiment, sweep_dir, engine=options.engine, workers=options.workers, progress=progress)
     print(table(experiment, trials))
     print(f"results: {sweep_dir / 'sweep.json'}")
@@ -151,7 +148,7 @@ def rollout(argv: list[str]) -> int:
     if (options.start is None) == (options.replay is None):
         raise BadInput("rollout needs either --start X Y Z YAW or --replay FILE")
     run = open_run(run_dir)
-    with _progress() as progress:
+    with interruptible_progress() as progress:
         if options.replay is not None:
             episode = run.recording(options.replay)
         elif options.start is not None:
@@ -199,7 +196,7 @@ def benchmark(argv: list[str]) -> int:
     """`agile benchmark SUBJECT`: ours against the peers."""
     from agile_jax.cli.benchmarks import run_benchmark
 
-    with _progress() as progress:
+    with interruptible_progress() as progress:
         run_benchmark(argv, progress)
     return DONE
 
@@ -215,10 +212,3 @@ def schema(argv: list[str]) -> int:
         raise BadInput(f"schema takes no arguments, not {' '.join(argv)}")
     print(json.dumps(json_schema(), indent=2))
     return DONE
-
-
-@contextmanager
-def _progress() -> Iterator[Progress]:
-    """Progress on standard error; signals end what is inside."""
-    with interruptible() as arrived, shown() as progress:
-        yield persistent(progress, arrived)

@@ -9,7 +9,7 @@ from agile_jax.evaluation.statistics import mcnemar_p_value, wilson_interval
 from agile_jax.settings import BadInput
 from agile_jax.store.npz import NpzError, read_npz
 
-NEEDED = ("start", "success", "arrival_time", "min_clearance")
+NEEDED = ("start", "success", "arrival_time")
 
 
 def compare(first: pathlib.Path | str, second: pathlib.Path | str, backend: str = "mujoco") -> dict[str, object]:

@@ -46,11 +46,12 @@ def list_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
     before = {entry["hash"]: entry for entry in entries if isinstance(entry, dict) and "hash" in entry}
     trials = []
     for trial in make_trials(experiment, sweep_dir):
-        seconds = float(before.get(trial.hash, {}).get("seconds", 0.0))
+        known = before.get(trial.hash, {})
+        seconds = float(known.get("seconds", 0.0))
         if _finished(trial, settings):
             trial = _judged(trial, settings, seconds)
-        elif before.get(trial.hash, {}).get("status") == "failed":
-            trial = trial._replace(status="failed", cause=str(before[trial.hash].get("cause", "")), seconds=seconds)
+        elif known.get("status") == "failed":
+            trial = trial._replace(status="failed", cause=str(known.get("cause", "")), seconds=seconds)
         trials.append(trial)
     return trials
 

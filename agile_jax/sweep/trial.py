@@ -12,8 +12,7 @@ import time
 
 from agile_jax import pipeline
 from agile_jax.experiment import load_experiment
-from agile_jax.interruption import Interrupted, interruptible, persistent
-from agile_jax.progress import shown
+from agile_jax.interruption import Interrupted, interruptible_progress
 from agile_jax.settings import BadInput
 
 END_TIME = 15.0  # [s] between SIGTERM and the end without ceremony
@@ -25,7 +24,7 @@ def main(run_dir: str, stages: str, engine: str, workers: str | None = None) -> 
     folder = pathlib.Path(run_dir)
     try:
         experiment = load_experiment(folder / "experiment.toml")
-        with interruptible() as arrived, shown() as progress:
+        with interruptible_progress() as progress:
             results = pipeline.run(
                 experiment,
                 folder,
@@ -33,7 +32,7 @@ def main(run_dir: str, stages: str, engine: str, workers: str | None = None) -> 
                 engine=engine,
                 store=folder.absolute().parents[2] / ".store",  # beside the sweep
                 workers=None if workers is None else int(workers),
-                progress=persistent(progress, arrived),
+                progress=progress,
             )
     except (BadInput, OSError) as error:
         print(error, file=sys.stderr)

@@ -15,7 +15,7 @@ def write(run_dir: Path, success: list[bool], arrival: list[float], shift: float
     folder.mkdir(parents=True)
     start = np.arange(4 * len(success), dtype=float).reshape(-1, 4) + shift
     arrays = {"start": start, "success": np.array(success), "arrival_time": np.array(arrival)}
-    np.savez(folder / "mujoco.npz", min_clearance=np.zeros(len(success)), **arrays)
+    np.savez(folder / "mujoco.npz", **arrays)
     return run_dir
 
 
