@@ -44,3 +44,14 @@ def finished_run(tmp_path_factory: pytest.TempPathFactory) -> Path:
     small = {"dataset.trajectories": 16, "dataset.shard_size": 16, "training.epochs": 5, "report.video": False}
     experiment = aj.load_experiment(smoke, small | {"evaluation.episodes": 2, "evaluation.batch": 1})
     return aj.run(experiment, tmp_path_factory.mktemp("runs") / "quickstart").directory
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _plugins_of_one_file():
+    """What the tests of one file register is forgotten with its end: workers of another could not load it."""
+    from agile_jax import plugins
+
+    before = dict(plugins._registered)
+    yield
+    plugins._registered.clear()
+    plugins._registered.update(before)

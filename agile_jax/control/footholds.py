@@ -91,7 +91,7 @@ def foothold(
     velocity_reference: jax.Array,
     yaw_rate: jax.Array,
     height: jax.Array,
-    stance_duration: jax.Array,
+    stance_duration: jax.Array | float,
     gain: float,
 ) -> jax.Array:
     """Where a foot should land, in the plane.

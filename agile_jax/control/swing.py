@@ -25,7 +25,7 @@ def folded_leg(robot: RobotModel) -> float:
 
 
 def swing_path(
-    lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: jax.Array
+    lift_off: jax.Array, touch_down: jax.Array, height: jax.Array, progress: jax.Array, duration: jax.Array | float
 ) -> tuple[jax.Array, jax.Array, jax.Array]:
     """Position and velocity on the way from `lift_off` to `touch_down`.
 

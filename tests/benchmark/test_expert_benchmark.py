@@ -160,7 +160,7 @@ def test_the_command_writes_its_file_in_one_thread(tmp_path: pathlib.Path) -> No
         ([], "which benchmark? There are: expert"),
         (["experts"], "There are: expert, training, mpc, policy, tracking, evaluation, not experts"),
         (["expert", "nowhere.toml"], "nowhere.toml: no such file"),
-        (["expert", "--starts", "0"], "starts = 0 must be at least 1"),
+        (["expert", "--starts", "0"], "--starts = 0: input should be greater than or equal to 1"),
         (["expert", "--expert.nodes", "1"], "expert.nodes = 1"),
     ],
 )

@@ -116,7 +116,7 @@ def test_without_torch_the_reason_stands_in_the_file(monkeypatch):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["--steps", "0"], "steps = 0 and repetitions = 20 must be at least 1"),
+        (["--steps", "0"], "--steps = 0: input should be greater than or equal to 1"),
         (["--policy.activation", "relu"], 'policy.activation = "relu": this benchmark knows only "tanh"'),
     ],
 )

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 ConeProjection = Callable[[jax.Array, jax.Array, jax.Array], jax.Array]  # (forces, friction, force_max)
 
 
-def project_cone(force: jax.Array, friction: jax.Array, force_max: jax.Array) -> jax.Array:
+def project_cone(force: jax.Array, friction: jax.Array | float, force_max: jax.Array | float) -> jax.Array:
     """Nearest point of {|f_xy| <= mu f_z, 0 <= f_z <= f_max}.
 
     Where the projection onto the cone is above f_max, the nearest point of the truncated cone lies on its disc at
@@ -30,7 +30,7 @@ def project_cone(force: jax.Array, friction: jax.Array, force_max: jax.Array) ->
     return jnp.stack([x * cut, y * cut, new_normal], 2)
 
 
-def project_pyramid(force: jax.Array, friction: jax.Array, force_max: jax.Array) -> jax.Array:
+def project_pyramid(force: jax.Array, friction: jax.Array | float, force_max: jax.Array | float) -> jax.Array:
     """Nearest point of {|f_x| <= mu f_z, |f_y| <= mu f_z, 0 <= f_z <= f_max}.
 
     At a normal force n the tangential forces are clipped to mu n, so what remains is convex in n alone: its derivative
