@@ -19,7 +19,7 @@ import psutil
 from agile_jax.benchmark.expert import TABLE
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import load_experiment
-from agile_jax.expert import ExpertSettings, compare_planners, make_expert
+from agile_jax.expert import ExpertSettings, compare_dimensions, make_expert
 from agile_jax.scene import SceneSettings, clearance, make_scene
 
 
@@ -54,7 +54,7 @@ def measure_ends(count):
 def measure_planner(count):
     """Time that the plane loses."""
     scene, settings, start = problem()
-    comparison = compare_planners(scene, settings, np.array([start(i) for i in range(count)]))
+    comparison = compare_dimensions(scene, settings, np.array([start(i) for i in range(count)]))
     solved = np.isfinite(comparison.lost)
     lost = comparison.lost[solved] / comparison.spatial[solved]
     print(f"{solved.sum()} of {count} solved by both; lost, relative: {spread(lost)}")

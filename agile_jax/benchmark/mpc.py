@@ -203,7 +203,7 @@ def condition_metrics(
     return [metric._replace(target=5.0) if metric.key.endswith("ours_1.latency_p99") else metric for metric in metrics]
 
 
-def report_mpc(result: Result) -> str:
+def report(result: Result) -> str:
     """The result as tables to read."""
     metrics = result["metrics"]
     lines = [f"mpc: {result['problem']['count']} problems of each kind, {result['machine']['device']}"]

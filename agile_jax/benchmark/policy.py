@@ -94,7 +94,7 @@ def _metrics(
     ]
 
 
-def report_policy(result: Result) -> str:
+def report(result: Result) -> str:
     """The result as a table to read."""
     rows = [
         (f"{key} [{metric['unit']}]" if metric["unit"] else key, [number(metric["value"]), metric["meaning"]])

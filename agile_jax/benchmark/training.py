@@ -211,7 +211,7 @@ def _metrics(timings: dict[str, list[Timing]], work: dict[str, float]) -> list[M
     return found
 
 
-def report_training(result: Result) -> str:
+def report(result: Result) -> str:
     """The result as a table to read."""
     metrics = result["metrics"]
     names = [name for name in METHODS if f"{name}.rate" in metrics]

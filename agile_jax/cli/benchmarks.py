@@ -92,28 +92,28 @@ def _expert(argv: list[str], progress: Progress) -> Measured:
 
 def _mpc(argv: list[str], progress: Progress) -> Measured:
     from agile_jax.benchmark.expert import TABLE
-    from agile_jax.benchmark.mpc import benchmark_mpc, report_mpc
+    from agile_jax.benchmark.mpc import benchmark_mpc, report
 
     experiment, options, _ = parse_experiment("benchmark mpc", MpcOptions, argv, TABLE)
     result = benchmark_mpc(experiment.control, options.problems, progress)
-    return options.output, result, report_mpc(result)
+    return options.output, result, report(result)
 
 
 def _policy(argv: list[str], progress: Progress) -> Measured:
     from agile_jax.benchmark.expert import TABLE
-    from agile_jax.benchmark.policy import benchmark_policy, report_policy
+    from agile_jax.benchmark.policy import benchmark_policy, report
 
     experiment, options, _ = parse_experiment("benchmark policy", StartsOptions, argv, TABLE)
     result = benchmark_policy(experiment, options.starts, progress)
-    return options.output, result, report_policy(result)
+    return options.output, result, report(result)
 
 
 def _training(argv: list[str], progress: Progress) -> Measured:
-    from agile_jax.benchmark.training import TRAINING_TABLE, benchmark_training, report_training
+    from agile_jax.benchmark.training import TRAINING_TABLE, benchmark_training, report
 
     experiment, options, _ = parse_experiment("benchmark training", TrainingOptions, argv, TRAINING_TABLE)
     result = benchmark_training(experiment, options.steps, options.repetitions, progress)
-    return options.output, result, report_training(result)
+    return options.output, result, report(result)
 
 
 def _evaluation(argv: list[str], progress: Progress) -> Measured:

@@ -8,7 +8,7 @@ from .feasible_poses import (
     pose_errors as pose_errors,
 )
 from .kinds import make_expert as make_expert
-from .planar_comparison import Comparison as Comparison, compare_planners as compare_planners
+from .planar_comparison import Comparison as Comparison, compare_dimensions as compare_dimensions
 from .search.minimum_time import lower_bound as lower_bound, minimum_time as minimum_time
 from .settings import (
     ExpertSettings as ExpertSettings,

@@ -22,7 +22,7 @@ class Comparison(NamedTuple):
         return self.planar - self.spatial
 
 
-def compare_planners(scene: Scene, settings: ExpertSettings, starts: Float[np.ndarray, "n 4"]) -> Comparison:
+def compare_dimensions(scene: Scene, settings: ExpertSettings, starts: Float[np.ndarray, "n 4"]) -> Comparison:
     """Solve every start [m, rad] at the target's height and from rest, in three dimensions and in the plane.
 
     A start that is free below a table may have no path in the plane: the table is a full box there.

@@ -95,7 +95,7 @@ def clearance(scene: Scene, pose: Float[AnyArray, "*batch 4"], xp: ModuleType = 
 
 
 def planar_scene(scene: Scene) -> Scene:
-    """The scene of a planner that knows the plane only (the paper's figure 2).
+    """The scene of plans in the plane only (the paper's figure 2).
 
     The height is the target's, and every obstacle stands on the floor, so that no path leads under it.
     """

@@ -23,7 +23,7 @@ def test_the_mpc_benchmark_finds_the_optimum_with_every_method(monkeypatch: pyte
         assert metrics[f"calm.{name}.solves_per_core_second"]["value"] > 0
         assert metrics[f"hard.{name}.cone_violation"]["value"] < 1e-3
     assert metrics["calm.infeasible"]["value"] == 0
-    assert "ours_pyramid_2" in mpc_benchmark.report_mpc(result)
+    assert "ours_pyramid_2" in mpc_benchmark.report(result)
 
 
 def test_the_tracking_benchmark_has_a_row_for_each_disturbance(monkeypatch: pytest.MonkeyPatch):

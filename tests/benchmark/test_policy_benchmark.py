@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from agile_jax.benchmark.expert import TABLE
-from agile_jax.benchmark.policy import BATCH, SPEED_TARGET, _metrics, benchmark_policy, report_policy
+from agile_jax.benchmark.policy import BATCH, SPEED_TARGET, _metrics, benchmark_policy, report
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
 
@@ -29,7 +29,7 @@ def test_it_measures_policy_and_expert():
     metrics = result["metrics"]
     assert 0 < metrics["policy.query_median"]["value"] < metrics["policy.single_median"]["value"]
     assert metrics["speed_ratio"]["target"] == SPEED_TARGET
-    text = report_policy(result)
+    text = report(result)
     assert "speed_ratio" in text
     assert ("missed" in text) == (metrics["speed_ratio"]["value"] < SPEED_TARGET)
 

@@ -7,7 +7,7 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.training import METHODS, TRAINING_TABLE, _torch, benchmark_training, report_training
+from agile_jax.benchmark.training import METHODS, TRAINING_TABLE, _torch, benchmark_training, report
 from agile_jax.benchmark.workloads.throughput import make_products, make_workload, step_flops
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
@@ -99,7 +99,7 @@ def test_file_and_table(tmp_path, capsys):
     else:
         assert metrics["torch_float32.loss_difference"]["value"] < 1e-4
         assert metrics["ours_float32.over_torch"]["target"] == 1.0
-    body = report_training(result).split("\n\n")[1]
+    body = report(result).split("\n\n")[1]
     assert all(word in printed for word in body.split())
 
 

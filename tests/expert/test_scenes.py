@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from agile_jax.expert import ExpertSettings, check_start, compare_planners, make_expert, minimum_time
+from agile_jax.expert import ExpertSettings, check_start, compare_dimensions, make_expert, minimum_time
 from agile_jax.expert.problem import Problem
 from agile_jax.expert.search.routes import RouteSearch
 from agile_jax.expert.space.footprint import footprint, footprint_range
@@ -175,11 +175,11 @@ def test_the_plane_loses_time_over_the_start_distribution(scene):
     starts = sample_starts(
         planar_scene(scene), np.array([*mean[:2], 0.28, 0.0]), np.array([*std[:2], 0.0, 0.0]), 12, 0.03, (0, 9)
     ).poses
-    comparison = compare_planners(scene, SETTINGS, starts)
+    comparison = compare_dimensions(scene, SETTINGS, starts)
     assert np.isfinite(comparison.lost).all()
     assert (comparison.lost > -1e-4 * comparison.spatial).all()
     # Straight ahead the way around takes longer; a start well beside the table loses nothing.
-    ahead = compare_planners(scene, SETTINGS, np.array([[0.6, 0.0, 0.25, 0.0], [1.5, 1.8, 0.28, 0.0]])).lost
+    ahead = compare_dimensions(scene, SETTINGS, np.array([[0.6, 0.0, 0.25, 0.0], [1.5, 1.8, 0.28, 0.0]])).lost
     assert ahead[0] > 0.3
     assert abs(ahead[1]) < 1e-3
 
