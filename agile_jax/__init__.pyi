@@ -11,6 +11,7 @@ from . import (
     robot as robot,
     scene as scene,
     simulation as simulation,
+    sweep as sweep,
     training as training,
 )
 from .api.episode import RecordedEpisode as RecordedEpisode

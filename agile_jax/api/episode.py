@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from jaxtyping import Float
 
+from agile_jax import evaluation, report
 from agile_jax.experiment import Experiment
 from agile_jax.robot import trunk_pose
 from agile_jax.scene import make_scene
@@ -45,10 +46,8 @@ class RecordedEpisode:
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the trunk's path and the scene from above; without `ax` on a new figure, `ax.figure`."""
-        from agile_jax.report import draw_plan, new_axes
-
         scene, label = make_scene(self.experiment.scene), f"robot: {self.outcome or 'recorded'}"
-        return draw_plan(new_axes() if ax is None else ax, scene, {label: self.trace})
+        return report.draw_plan(report.new_axes() if ax is None else ax, scene, {label: self.trace})
 
     def video(self, file: pathlib.Path | str) -> str | None:
         """Film it to an mp4 in real time.
@@ -59,13 +58,13 @@ class RecordedEpisode:
         Raises:
             BadInput: no moment of it is finite.
         """
-        from agile_jax.report import render_video
-
         if not len(self.trace.time):
             raise BadInput("no sample is finite, so there is nothing to film")
         file = pathlib.Path(file)
         file.parent.mkdir(parents=True, exist_ok=True)
-        return render_video(self.experiment.scene, self.experiment.robot, self.trace, file, self.experiment.report)
+        return report.render_video(
+            self.experiment.scene, self.experiment.robot, self.trace, file, self.experiment.report
+        )
 
     def __repr__(self) -> str:
         return f"RecordedEpisode({self.outcome or 'recorded'}, {len(self.trace.time)} moments)"
@@ -79,9 +78,7 @@ def load_recording(experiment: Experiment, file: pathlib.Path) -> RecordedEpisod
     Raises:
         BadInput: no such recording.
     """
-    from agile_jax.evaluation.traces import load_traces
-
-    trace = load_traces(file)[0]
+    trace = evaluation.load_traces(file)[0]
     finite = np.isfinite(trace.qpos).all(-1) & np.isfinite(trace.qvel).all(-1)
     sound = len(finite) if finite.all() else int(np.argmin(finite))
     shown = type(trace)(*(values[:sound] for values in trace))

@@ -5,6 +5,7 @@ import tempfile
 from functools import partial
 from typing import TYPE_CHECKING
 
+from agile_jax import training
 from agile_jax.dataset import Dataset, generate, load
 from agile_jax.engine import open_engine
 from agile_jax.experiment import Experiment
@@ -40,6 +41,4 @@ def train(dataset: Dataset, experiment: Experiment, progress: Progress = silent)
     Raises:
         BadInput: no label leads to the scene's target, or too few do.
     """
-    from agile_jax.training import fit_dataset
-
-    return fit_dataset(dataset, experiment, progress=progress).policy
+    return training.fit_dataset(dataset, experiment, progress=progress).policy

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from agile_jax import pipeline
+from agile_jax import dataset, evaluation, pipeline, policy, training
 from agile_jax.api.episode import RecordedEpisode, load_recording
 from agile_jax.api.solving import Pose, SolvedPath, solve
 from agile_jax.experiment import STAGES, Experiment, load_experiment
@@ -75,19 +75,17 @@ class Run:
     @cached_property
     def policy(self) -> "TrainedPolicy":
         """The trained policy: `run.policy(pose)` is its velocity at a pose, `run.policy.batch(poses)` at many."""
-        from agile_jax.training import load_policy
-
         self._need("training")
         experiment = self.experiment
-        return load_policy(self.directory / "training", self.scene, experiment.expert.limits, experiment.policy)
+        return training.load_policy(
+            self.directory / "training", self.scene, experiment.expert.limits, experiment.policy
+        )
 
     @cached_property
     def dataset(self) -> "Dataset":
         """The verified trajectories."""
-        from agile_jax.dataset import load
-
         self._need("dataset")
-        return load(self.directory / "dataset")
+        return dataset.load(self.directory / "dataset")
 
     @cached_property
     def episodes(self) -> Episodes:
@@ -114,10 +112,8 @@ class Run:
         Raises:
             BadInput: no finished training; or the start is outside the bounds or too near to an obstacle.
         """
-        from agile_jax.evaluation import rollout_one
-
         self._need("training")
-        trace, summary = rollout_one(self.experiment, self.directory, start, progress)
+        trace, summary = evaluation.rollout_one(self.experiment, self.directory, start, progress)
         return RecordedEpisode(self.experiment, trace, summary)
 
     def recording(self, file: pathlib.Path | str) -> RecordedEpisode:
@@ -130,9 +126,7 @@ class Run:
         Returns:
             The files, and why one is missing that others have.
         """
-        from agile_jax.policy import export_policy
-
-        return export_policy(self.policy, pathlib.Path(folder or self.directory / "export"))
+        return policy.export_policy(self.policy, pathlib.Path(folder or self.directory / "export"))
 
     def _need(self, stage: str) -> None:
         """Refuse (BadInput) a stage that is not finished."""

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from agile_jax import report
 from agile_jax.experiment import Experiment, load_experiment
 from agile_jax.expert import ExpertSettings, ExpertSolution, check_start, check_target, make_expert
 from agile_jax.scene import Scene, SceneSettings, make_scene
@@ -34,17 +35,13 @@ class SolvedPath(ExpertSolution):
         Raises:
             ValueError: nothing was solved.
         """
-        from agile_jax.report import draw_plan, new_axes
-
         if self.status != "solved":
             raise ValueError(f"there is no path to draw: {self.cause}")
-        return draw_plan(new_axes() if ax is None else ax, self.scene, {self.branch: self.trajectory})
+        return report.draw_plan(report.new_axes() if ax is None else ax, self.scene, {self.branch: self.trajectory})
 
     def save(self, file: pathlib.Path, title: str = "") -> None:
         """Draw the path from above, from the side and from the front into a PNG."""
-        from agile_jax.report import plan_figure, save_figure
-
-        save_figure(plan_figure(self.scene, {self.branch: self.trajectory}, title), file)
+        report.save_figure(report.plan_figure(self.scene, {self.branch: self.trajectory}, title), file)
 
     def __repr__(self) -> str:
         if self.status != "solved":

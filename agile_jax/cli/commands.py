@@ -5,8 +5,10 @@ import math
 import pathlib
 import sys
 
+import agile_jax as aj
 from agile_jax import pipeline
 from agile_jax.cli.arguments import EITHER, parse_experiment, parse_run_dir
+from agile_jax.cli.benchmarks import run_benchmark
 from agile_jax.cli.exit_codes import DONE, FAILED
 from agile_jax.cli.overview import LAST_STAGE
 from agile_jax.cli.results import number, print_wrapped, result_lines
@@ -90,9 +92,7 @@ def run_stages(command: str, argv: list[str]) -> int:
     for line in result_lines(results):
         print_wrapped(line)
     if "report" in results:
-        from agile_jax.report import rendering_notes
-
-        for note in rendering_notes(run_dir):
+        for note in aj.report.rendering_notes(run_dir):
             print(note, file=sys.stderr)
     found = pipeline.failures(results)
     for failure in found:
@@ -102,28 +102,26 @@ def run_stages(command: str, argv: list[str]) -> int:
 
 def sweep(argv: list[str]) -> int:
     """`agile sweep`: the grid of the file's [sweep.space]."""
-    from agile_jax.sweep import list_trials, run_sweep, table
-
     experiment, options, _ = parse_experiment("sweep", RunOptions, argv)
     check_engine(options.engine, options.workers)
     sweep_dir = options.run_dir or pathlib.Path("runs") / experiment.name
     check_folder(sweep_dir)
     if options.dry_run:
-        print(table(experiment, list_trials(experiment, sweep_dir)))
+        print(aj.sweep.table(experiment, aj.sweep.list_trials(experiment, sweep_dir)))
         return DONE
     with interruptible_progress() as progress:
-        trials = run_sweep(experiment, sweep_dir, engine=options.engine, workers=options.workers, progress=progress)
-    print(table(experiment, trials))
+        trials = aj.sweep.run_sweep(
+            experiment, sweep_dir, engine=options.engine, workers=options.workers, progress=progress
+        )
+    print(aj.sweep.table(experiment, trials))
     print(f"results: {sweep_dir / 'sweep.json'}")
     return FAILED if any(trial.status == "failed" for trial in trials) else DONE
 
 
 def plan(argv: list[str]) -> int:
     """`agile plan`: one expert solve, printed and drawn."""
-    from agile_jax.api.solving import solve
-
     experiment, options, _ = parse_experiment("plan", PlanOptions, argv)
-    solution = solve(experiment, options.start, options.target)
+    solution = aj.solve(experiment, options.start, options.target)
     if solution.status != "solved":
         print(f"no path from {list(options.start)}: {solution.cause}", file=sys.stderr)
         return FAILED
@@ -142,12 +140,10 @@ def plan(argv: list[str]) -> int:
 
 def rollout(argv: list[str]) -> int:
     """`agile rollout`: one closed-loop episode of a finished run."""
-    from agile_jax.api.run import open_run
-
     run_dir, options = parse_run_dir("rollout", RolloutOptions, argv)
     if (options.start is None) == (options.replay is None):
         raise BadInput("rollout needs either --start X Y Z YAW or --replay FILE")
-    run = open_run(run_dir)
+    run = aj.open_run(run_dir)
     with interruptible_progress() as progress:
         if options.replay is not None:
             episode = run.recording(options.replay)
@@ -164,10 +160,8 @@ def rollout(argv: list[str]) -> int:
 
 def export(argv: list[str]) -> int:
     """`agile export`: the policy of a finished run, for use elsewhere."""
-    from agile_jax.api.run import open_run
-
     run_dir, options = parse_run_dir("export", ExportOptions, argv)
-    exported = open_run(run_dir).export(options.output)
+    exported = aj.open_run(run_dir).export(options.output)
     for path in exported.paths:
         print(path)
     if exported.note:
@@ -184,9 +178,8 @@ def compare(argv: list[str]) -> int:
         return DONE
     if not 2 <= len(argv) <= 3:
         raise BadInput("which two evaluations? usage: agile compare RUN_DIR[:NAME] RUN_DIR[:NAME] [mujoco|mjx]")
-    from agile_jax.evaluation import compare as pair
 
-    for key, value in pair(*argv).items():
+    for key, value in aj.evaluation.compare(*argv).items():
         text = "-".join(f"{end:.4g}" for end in value) if isinstance(value, list) else number(value)
         print(f"{key:<28}{text}")
     return DONE
@@ -194,8 +187,6 @@ def compare(argv: list[str]) -> int:
 
 def benchmark(argv: list[str]) -> int:
     """`agile benchmark SUBJECT`: ours against the peers."""
-    from agile_jax.cli.benchmarks import run_benchmark
-
     with interruptible_progress() as progress:
         run_benchmark(argv, progress)
     return DONE
@@ -203,12 +194,10 @@ def benchmark(argv: list[str]) -> int:
 
 def schema(argv: list[str]) -> int:
     """`agile schema`: the JSON schema of experiment files."""
-    from agile_jax.experiment import json_schema
-
     if argv and argv[0] in ("-h", "--help"):
         print("usage: agile schema\n\nPrint the JSON schema of experiment files, for editors and other programs.")
         return DONE
     if argv:
         raise BadInput(f"schema takes no arguments, not {' '.join(argv)}")
-    print(json.dumps(json_schema(), indent=2))
+    print(json.dumps(aj.experiment.json_schema(), indent=2))
     return DONE

@@ -6,3 +6,4 @@ from .settings import EvaluationSettings as EvaluationSettings
 from .single import rollout_one as rollout_one
 from .stage import evaluate as evaluate
 from .statistics import mcnemar_p_value as mcnemar_p_value, wilson_interval as wilson_interval
+from .traces import load_traces as load_traces

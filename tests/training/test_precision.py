@@ -52,11 +52,11 @@ def test_gradient_is_that_of_float32_within_the_rounding_of_the_operands(precisi
 @pytest.mark.parametrize("rows", [32, 33])
 def test_bfloat16_product_and_gradient_equal_those_of_rounded_operands_in_float64(rows):
     generator = np.random.default_rng(0)
-    x, w, g = (generator.normal(size=size).astype(np.float32) for size in ((rows, 40), (40, 50), (rows, 50)))
+    x, w, g = (jnp.float32(generator.normal(size=size)) for size in ((rows, 40), (40, 50), (rows, 50)))
     product = make_product("bfloat16")
     y, back = jax.vjp(lambda x, w: jax.vmap(product, (0, None))(x, w), x, w)
-    dx, dw = back(jnp.asarray(g))
-    x, w, g = (np.asarray(jnp.asarray(a).astype(jnp.bfloat16), np.float64) for a in (x, w, g))
+    dx, dw = back(g)
+    x, w, g = (np.asarray(a.astype(jnp.bfloat16), np.float64) for a in (x, w, g))
     for ours, exact in ((y, x @ w), (dx, g @ w.T), (dw, x.T @ g)):
         np.testing.assert_allclose(ours, exact, atol=1e-4)  # exact products, summed in float32
 
