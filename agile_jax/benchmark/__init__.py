@@ -10,6 +10,6 @@ One module a subject; what a benchmark needs is loaded by running it, not by imp
     evaluation   the closed loop's speed by backend and batch, and where the time goes
 """
 
-from agile_jax.benchmark.metrics import Metric
+import lazy_loader
 
-__all__ = ["Metric"]
+__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)

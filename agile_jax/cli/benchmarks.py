@@ -3,7 +3,9 @@
 import pathlib
 from collections.abc import Callable, Mapping
 
+from agile_jax import benchmark
 from agile_jax.cli.arguments import parse_experiment
+from agile_jax.files import write_json
 from agile_jax.progress import Progress
 from agile_jax.settings import BadInput, Count, Positive, Settings
 
@@ -66,8 +68,6 @@ def run_benchmark(argv: list[str], progress: Progress) -> None:
     Raises:
         BadInput: no such subject, or a bad option.
     """
-    from agile_jax.files import write_json
-
     subject, *rest = argv or [""]
     if subject in ("-h", "--help"):
         print("usage: agile benchmark SUBJECT [EXPERIMENT.toml] [OPTIONS]\n")
@@ -83,56 +83,43 @@ def run_benchmark(argv: list[str], progress: Progress) -> None:
 
 
 def _expert(argv: list[str], progress: Progress) -> Measured:
-    from agile_jax.benchmark.expert import TABLE, benchmark_expert, report
-
-    experiment, options, _ = parse_experiment("benchmark expert", StartsOptions, argv, TABLE)
-    result = benchmark_expert(experiment, options.starts, progress)
-    return options.output, result, report(result)
+    experiment, options, _ = parse_experiment("benchmark expert", StartsOptions, argv, benchmark.expert.TABLE)
+    result = benchmark.expert.benchmark_expert(experiment, options.starts, progress)
+    return options.output, result, benchmark.expert.report(result)
 
 
 def _mpc(argv: list[str], progress: Progress) -> Measured:
-    from agile_jax.benchmark.expert import TABLE
-    from agile_jax.benchmark.mpc import benchmark_mpc, report
-
-    experiment, options, _ = parse_experiment("benchmark mpc", MpcOptions, argv, TABLE)
-    result = benchmark_mpc(experiment.control, options.problems, progress)
-    return options.output, result, report(result)
+    experiment, options, _ = parse_experiment("benchmark mpc", MpcOptions, argv, benchmark.expert.TABLE)
+    result = benchmark.mpc.benchmark_mpc(experiment.control, options.problems, progress)
+    return options.output, result, benchmark.mpc.report(result)
 
 
 def _policy(argv: list[str], progress: Progress) -> Measured:
-    from agile_jax.benchmark.expert import TABLE
-    from agile_jax.benchmark.policy import benchmark_policy, report
-
-    experiment, options, _ = parse_experiment("benchmark policy", StartsOptions, argv, TABLE)
-    result = benchmark_policy(experiment, options.starts, progress)
-    return options.output, result, report(result)
+    experiment, options, _ = parse_experiment("benchmark policy", StartsOptions, argv, benchmark.expert.TABLE)
+    result = benchmark.policy.benchmark_policy(experiment, options.starts, progress)
+    return options.output, result, benchmark.policy.report(result)
 
 
 def _training(argv: list[str], progress: Progress) -> Measured:
-    from agile_jax.benchmark.training import TRAINING_TABLE, benchmark_training, report
-
-    experiment, options, _ = parse_experiment("benchmark training", TrainingOptions, argv, TRAINING_TABLE)
-    result = benchmark_training(experiment, options.steps, options.repetitions, progress)
-    return options.output, result, report(result)
+    experiment, options, _ = parse_experiment(
+        "benchmark training", TrainingOptions, argv, benchmark.training.TRAINING_TABLE
+    )
+    result = benchmark.training.benchmark_training(experiment, options.steps, options.repetitions, progress)
+    return options.output, result, benchmark.training.report(result)
 
 
 def _evaluation(argv: list[str], progress: Progress) -> Measured:
-    from agile_jax.benchmark.evaluation import benchmark_evaluation, report
-
     experiment, options, _ = parse_experiment("benchmark evaluation", EvaluationOptions, argv)
     run_dir = options.run_dir or pathlib.Path("runs") / experiment.name
-    result = benchmark_evaluation(experiment, run_dir, options.threads, progress)
-    return options.output, result, report(result)
+    result = benchmark.evaluation.benchmark_evaluation(experiment, run_dir, options.threads, progress)
+    return options.output, result, benchmark.evaluation.report(result)
 
 
 def _tracking(argv: list[str], progress: Progress) -> Measured:
-    from agile_jax.benchmark.expert import TABLE
-    from agile_jax.benchmark.tracking import benchmark_tracking, report
-
-    experiment, options, _ = parse_experiment("benchmark tracking", TrackingOptions, argv, TABLE)
+    experiment, options, _ = parse_experiment("benchmark tracking", TrackingOptions, argv, benchmark.expert.TABLE)
     durations = options.duration, options.disturbed_duration
-    result = benchmark_tracking(experiment, options.episodes, *durations, progress=progress)
-    return options.output, result, report(result)
+    result = benchmark.tracking.benchmark_tracking(experiment, options.episodes, *durations, progress=progress)
+    return options.output, result, benchmark.tracking.report(result)
 
 
 SUBJECTS: dict[str, tuple[str, Callable[[list[str], Progress], Measured]]] = {
