@@ -19,7 +19,7 @@ from agile_jax.control import Counts, make_controller
 from agile_jax.evaluation.statistics import wilson_interval
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
-from agile_jax.robot import load_robot
+from agile_jax.robot import PlantSettings, load_robot
 
 METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
 START_HEIGHT = 0.28  # [m]
@@ -46,9 +46,15 @@ TRACKING = {
 ROBUSTNESS = {
     "push of 6 N s from the side": Disturbance(impulse=6.0),
     "push of 12 N s from the side": Disturbance(impulse=12.0),
-    "foot friction 0.4": Disturbance(foot_friction=0.4),
+    "foot friction 0.4": Disturbance(plant=PlantSettings(foot_friction=0.4)),
     "trunk's mass 20 % more or less": Disturbance(trunk_mass=0.2),
     "trunk's centre of mass 3 cm off": Disturbance(com_offset=0.03),
+    "joint damping and friction x 0.5": Disturbance(plant=PlantSettings(joint_damping=0.5, joint_friction=0.5)),
+    "joint damping and friction x 2": Disturbance(plant=PlantSettings(joint_damping=2.0, joint_friction=2.0)),
+    "rotors' inertia x 0.25": Disturbance(plant=PlantSettings(armature=0.25)),
+    "rotors' inertia x 2": Disturbance(plant=PlantSettings(armature=2.0)),
+    # Unitree gives the A1's joints 21 rad/s at most.
+    "torque falls from 10.5 rad/s to none at 21 rad/s": Disturbance(plant=PlantSettings(no_load_speed=21.0)),
     "torque noise 5 %": Disturbance(torque_noise=0.05),
     # Xsens: the MTi-30's 0.5 degrees of roll and pitch moving, 1 of yaw; the MTi-1's gyroscope, 0.007 deg/s/sqrt(Hz)
     # over 255 Hz.
@@ -56,7 +62,7 @@ ROBUSTNESS = {
     # MuJoCo Playground's observation noise for the Go1 is uniform: gravity 0.05, gyroscope 0.2, velocity 0.1, joints
     # 0.03 and 1.5. Here normal, with the same standard deviations, anew at every step but for the orientation.
     "noise of MuJoCo Playground": Disturbance(noise=SensorNoise((0.03, 0.03, 0.0), 0.115, 0.058, 0.0173, 0.87)),
-    "control delay of 10 ms": Disturbance(delay=0.01),
+    "control delay of 10 ms": Disturbance(plant=PlantSettings(delay=0.01)),
 }
 
 

@@ -2,12 +2,14 @@
 
 import pathlib
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Float, Int, PyTree
 
 from agile_jax.control import make_controller
 from agile_jax.evaluation.planners import ExpertPlanner
@@ -16,8 +18,18 @@ from agile_jax.experiment import Experiment
 from agile_jax.geometry import wrap_angle
 from agile_jax.policy import make_policy
 from agile_jax.policy.braking import braking_law
-from agile_jax.robot import RobotModel, build_mujoco_model, collision_shapes, load_robot, standing_qpos
-from agile_jax.scene import POSE_SIZE, Scene, make_scene, planar_scene
+from agile_jax.robot import (
+    Plant,
+    PlantSettings,
+    RobotModel,
+    build_mujoco_model,
+    collision_shapes,
+    draw_plants,
+    load_robot,
+    plant_model,
+    standing_qpos,
+)
+from agile_jax.scene import POSE_SIZE, Scene, make_scene, planar_scene, streams
 from agile_jax.settings import BadInput
 from agile_jax.simulation import (
     ClosedLoop,
@@ -52,6 +64,7 @@ class Backend:
         parameters: of the guidance.
         planner: the expert that plans while the episodes run, or None.
         target: pose [m, rad].
+        draw: the robots of episodes by their numbers, where each has its own.
     """
 
     slots: MujocoSlots | MjxSlots
@@ -62,6 +75,11 @@ class Backend:
     parameters: PyTree
     planner: ExpertPlanner | None
     target: Float[np.ndarray, "4"]
+    draw: Callable[[Int[np.ndarray, " n"]], Plant] | None
+
+    def plants(self, episodes: Int[np.ndarray, " n"]) -> Plant | None:
+        """The robots of episodes by their numbers; None where all are as the model says."""
+        return None if self.draw is None else self.draw(episodes)
 
     def qpos(self, starts: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 19"]:
         """The coordinates of the robot that stands at poses [m, rad]."""
@@ -110,6 +128,7 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
     model = build_mujoco_model(scene, experiment.robot, control.control_dt)
     controller, limit = make_controller(robot, control), np.array(experiment.expert.acceleration)
     loop = ClosedLoop(scene, robot, collision_shapes(model), control, guidance, limit, controller)
+    draw = _plants(experiment)
     running: MujocoSlots | MjxSlots
     if settings.backend == "mujoco":
         running, device = (
@@ -118,10 +137,20 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
         )
     else:
         devices = check_devices(settings)
+        if draw is not None:  # one for all: experiment/check.py sees to it
+            model, draw = plant_model(model, draw(np.zeros(1, int)).of(0)), None
         implementation: Implementation = "warp" if settings.backend == "mjx-warp" else "jax"
         initial = mjx_init(model, implementation, -(-slots // devices))
         running, device = MjxSlots(mjx_loop(loop, initial, devices), slots, parameters), jax.devices()[0].device_kind
-    return Backend(running, robot, str(device), control.plan_dt, guidance, parameters, planner, scene.target)
+    return Backend(running, robot, str(device), control.plan_dt, guidance, parameters, planner, scene.target, draw)
+
+
+def _plants(experiment: Experiment) -> Callable[[Int[np.ndarray, " n"]], Plant] | None:
+    """What draws the robots of episodes; None where they are as the controller is told."""
+    if experiment.plant == PlantSettings():
+        return None
+    stream = experiment.seed, streams.PLANTS, experiment.evaluation.seed
+    return partial(draw_plants, experiment.plant, stream)
 
 
 def check_devices(settings: EvaluationSettings) -> int:

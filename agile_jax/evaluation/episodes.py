@@ -68,7 +68,9 @@ def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[Ended
         recorder(holds)
         last(holds)
 
-    for indices, rollout in stream(backend.slots, backend.qpos(work.starts), work.limits, watch):
+    for indices, rollout in stream(
+        backend.slots, backend.qpos(work.starts), work.limits, watch, backend.plants(work.episodes)
+    ):
         columns = {"episode": work.episodes[indices], **episode_columns(rollout)}
         for i, index in enumerate(indices.tolist()):
             row = {name: values[i : i + 1] for name, values in columns.items()}

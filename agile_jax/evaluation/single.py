@@ -47,7 +47,8 @@ def rollout_one(
         recorder(holds)
         progress("episode", 0, 1)
 
-    rollout = gather(1, stream(backend.slots, backend.qpos(pose[None]), limits, record))
+    plant = backend.plants(np.zeros(1, int))
+    rollout = gather(1, stream(backend.slots, backend.qpos(pose[None]), limits, record, plant))
     outcome, trace = rollout.outcome, recorder.traces(scene, backend.plan_dt)[0]
     name = OUTCOME_NAMES[int(outcome.status[0])]
     return trace, {

@@ -36,7 +36,7 @@ class ContradictionsError(ValueError):
 
 def check(experiment: "Experiment") -> None:
     """Raise ContradictionsError with all that is wrong across stages."""
-    found = [*_poses(experiment), *_robot(experiment), *_policy(experiment), *_sweep(experiment)]
+    found = [*_poses(experiment), *_robot(experiment), *_plant(experiment), *_policy(experiment), *_sweep(experiment)]
     if found:
         raise ContradictionsError(found)
 
@@ -74,6 +74,25 @@ def _robot(experiment: "Experiment") -> Iterator[Contradiction]:
         check_envelope(experiment.scene.torso_half_size, experiment.robot)
     except BadInput as error:
         yield Contradiction(("robot", "name"), str(error))
+
+
+def _plant(experiment: "Experiment") -> Iterator[Contradiction]:
+    """Robots that MJX, which has one model and ideal motors, cannot simulate."""
+    plant, backend = experiment.plant, experiment.evaluation.backend
+    if backend == "mujoco":
+        return
+    if plant.delay != 0 or plant.no_load_speed is not None:
+        yield Contradiction(
+            ("plant", "delay" if plant.delay != 0 else "no_load_speed"),
+            f'plant.delay and plant.no_load_speed need evaluation.backend = "mujoco", not "{backend}"',
+        )
+    values = {name: value for name, value in plant if name != "com_shift"} | {"com_shift": plant.com_shift}
+    for name, value in values.items():
+        if any(isinstance(one, tuple) for one in (value if name == "com_shift" else [value])):
+            yield Contradiction(
+                ("plant", name),
+                f'plant.{name} = {value} is a range, which needs evaluation.backend = "mujoco", not "{backend}"',
+            )
 
 
 def _policy(experiment: "Experiment") -> Iterator[Contradiction]:

@@ -41,4 +41,10 @@ from .mujoco_model import (
     build_mujoco_model as build_mujoco_model,
     standing_qpos as standing_qpos,
 )
-from .settings import RobotSettings as RobotSettings
+from .plant import (
+    Plant as Plant,
+    available_torque as available_torque,
+    draw_plants as draw_plants,
+    plant_model as plant_model,
+)
+from .settings import PlantSettings as PlantSettings, RobotSettings as RobotSettings

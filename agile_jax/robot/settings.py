@@ -3,14 +3,30 @@
 import string
 from typing import Annotated
 
-from pydantic import Field, field_validator
+from pydantic import AfterValidator, Field, field_validator
 
-from agile_jax.settings import Settings
+from agile_jax.settings import NonNegative, Positive, Settings
 
 Names3 = Annotated[tuple[str, str, str], Field(strict=False)]
 Names4 = Annotated[tuple[str, str, str, str], Field(strict=False)]
 
 OWN = "a1"
+
+
+def _ordered(value: float | tuple[float, float]) -> float | tuple[float, float]:
+    if isinstance(value, tuple) and value[0] > value[1]:
+        raise ValueError(f"{list(value)}: the lower end of a range comes first")
+    return value
+
+
+# A number, or a range [low, high] from which every episode draws its own.
+FactorRange = Annotated[
+    NonNegative | Annotated[tuple[NonNegative, NonNegative], Field(strict=False)], AfterValidator(_ordered)
+]
+PositiveRange = Annotated[
+    Positive | Annotated[tuple[Positive, Positive], Field(strict=False)], AfterValidator(_ordered)
+]
+LengthRange = Annotated[float | Annotated[tuple[float, float], Field(strict=False)], AfterValidator(_ordered)]
 
 
 class RobotSettings(Settings):
@@ -47,3 +63,28 @@ class RobotSettings(Settings):
         if len(set(legs)) < len(legs):
             raise ValueError(f"{list(legs)} must be four different names")
         return legs
+
+
+class PlantSettings(Settings):
+    """How the simulated robot differs from the one that the controller is told. Every value but `com_shift`, and every
+    component of that, is a number or a range [low, high], from which each episode draws uniformly.
+    """
+
+    joint_damping: FactorRange = 1.0
+    """Factor on the damping of all joints [-]."""
+    joint_friction: FactorRange = 1.0
+    """Factor on the dry friction of all joints [-]."""
+    armature: FactorRange = 1.0
+    """Factor on the inertia of all rotors [-]."""
+    mass: PositiveRange = 1.0
+    """Factor on the mass and the inertia of the trunk [-]."""
+    com_shift: Annotated[tuple[LengthRange, LengthRange, LengthRange], Field(strict=False)] = (0.0, 0.0, 0.0)
+    """Shift of the trunk's centre of mass along its axes [m]."""
+    foot_friction: PositiveRange | None = None
+    """Coefficient of friction of the feet [-]; without a value that of the robot's file (A1: 0.8)."""
+    delay: FactorRange = 0.0
+    """Time from a torque's command to its effect, rounded to `control.control_dt` [s]."""
+    no_load_speed: PositiveRange | None = None
+    """Speed at which the motors give no torque any more: the limit falls linearly from half of it on [rad/s]. Without a
+    value the limit is the same at every speed.
+    """

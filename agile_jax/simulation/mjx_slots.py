@@ -14,6 +14,7 @@ import numpy as np
 from jax.sharding import Mesh, PartitionSpec
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
+from agile_jax.robot import Plant
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.mjx_physics import MjxModel, mjx, mjx_reset, mjx_step
 from agile_jax.simulation.outcome import RUNNING
@@ -127,9 +128,17 @@ class MjxSlots:
         return self._count
 
     def begin(
-        self, slots: Int[np.ndarray, " k"], qpos: Float[np.ndarray, "k nq"], time_limits: Float[np.ndarray, " k"]
+        self,
+        slots: Int[np.ndarray, " k"],
+        qpos: Float[np.ndarray, "k nq"],
+        time_limits: Float[np.ndarray, " k"],
+        plants: Plant | None = None,
     ) -> None:
-        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s]."""
+        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s].
+
+        All robots have the model of the loop, so there are no `plants`.
+        """
+        assert plants is None
         all_qpos = np.repeat(np.asarray(qpos[:1], np.float32), self._count, 0)
         limits = np.zeros(self._count, np.float32)
         mask = np.zeros(self._count, bool)

@@ -1,15 +1,15 @@
 """Many episodes in MuJoCo's C physics, spread over threads."""
 
-from collections.abc import Sequence
-
 import mujoco
 import mujoco.rollout
 import numpy as np
 
+from agile_jax.robot import Plant, plant_model
+from agile_jax.robot.plant import TRUNK_BODY
 from agile_jax.settings import BadInput
+from agile_jax.simulation.actuators import Actuators
 from agile_jax.simulation.sensed import Sensed, contact_flags, touch_slots
 
-TRUNK_BODY = 1  # body 0 is the world
 _HUGE = 1e10  # MuJoCo calls a larger number bad (mjMAXVAL)
 
 
@@ -25,16 +25,13 @@ class MujocoPhysics:
     is reset. Left to itself, MuJoCo would replace a bad control by zero and go on.
     """
 
-    def __init__(
-        self, model: mujoco.MjModel, batch: int, threads: int, variants: Sequence[mujoco.MjModel] | None = None
-    ) -> None:
+    def __init__(self, model: mujoco.MjModel, batch: int, threads: int) -> None:
         """Allocate the episodes.
 
         Args:
             model: from `robot.build_mujoco_model`.
             batch: n, number of episodes.
             threads: that step them; 1 steps in the caller's thread.
-            variants: n models that differ from `model` in numbers only, one an episode; by default all have `model`.
 
         Raises:
             BadInput: `threads` is not positive.
@@ -43,7 +40,8 @@ class MujocoPhysics:
             raise BadInput(f"threads = {threads} must be at least 1")
         self.model = model
         self.batch = batch
-        self._models = [model] * batch if variants is None else list(variants)
+        self._models = [model] * batch
+        self._actuators = Actuators(batch, model.actuator_ctrlrange[:, 1], model.opt.timestep)
         self._slots = touch_slots(model)
         # State as mujoco.rollout wants it: time, qpos, qvel. The model has no other.
         self._state = np.zeros((batch, 1 + model.nq + model.nv))
@@ -57,9 +55,18 @@ class MujocoPhysics:
         self._data = [mujoco.MjData(model) for _ in range(threads)]
         self._rollout = mujoco.rollout.Rollout(nthread=threads if threads > 1 else 0)
 
-    def reset(self, qpos: np.ndarray, episodes: np.ndarray | None = None) -> Sensed:
-        """Start episodes, by default all, anew and at rest from coordinates (k, 19); `episodes` are k indices."""
-        chosen = slice(None) if episodes is None else episodes
+    def reset(self, qpos: np.ndarray, episodes: np.ndarray | None = None, plants: Plant | None = None) -> Sensed:
+        """Start episodes anew and at rest.
+
+        Args:
+            qpos: coordinates, shape (k, 19).
+            episodes: k indices, by default all.
+            plants: of the k robots; by default they are as the model says.
+        """
+        chosen = np.arange(self.batch) if episodes is None else episodes
+        for i, episode in enumerate(chosen):
+            self._models[episode] = self.model if plants is None else plant_model(self.model, plants.of(i))
+        self._actuators.reset(chosen, plants)
         self._state[chosen] = 0.0
         self._qpos[chosen] = qpos
         self._warmstart[chosen] = 0.0
@@ -80,6 +87,7 @@ class MujocoPhysics:
         """
         torques = np.asarray(torques, float)
         active = np.ones(self.batch, bool) if active is None else np.asarray(active)
+        torques = self._actuators(torques, self._qvel[:, 6:], active)
         sound = self._sound() & np.isfinite(torques).all(-1)
         self._state[active & ~sound, 1:] = np.nan
         moving = np.flatnonzero(active & sound)

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
-from agile_jax.robot import trunk_pose
+from agile_jax.robot import Plant, trunk_pose
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.outcome import RUNNING
@@ -79,9 +79,13 @@ class MujocoSlots:
         return self.physics.batch
 
     def begin(
-        self, slots: Int[np.ndarray, " k"], qpos: Float[np.ndarray, "k nq"], time_limits: Float[np.ndarray, " k"]
+        self,
+        slots: Int[np.ndarray, " k"],
+        qpos: Float[np.ndarray, "k nq"],
+        time_limits: Float[np.ndarray, " k"],
+        plants: Plant | None = None,
     ) -> None:
-        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s]."""
+        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s], of robots."""
         limits = np.zeros(self.count, np.float32)
         limits[slots] = time_limits
         mask = np.zeros(self.count, bool)
@@ -89,7 +93,7 @@ class MujocoSlots:
         if self._episodes is None:  # slots that are still free hold copies, which are never stepped
             self._sensed = self.physics.reset(np.repeat(qpos[:1], self.count, 0))
             self._episodes = self.loop.first(self._sensed, jnp.asarray(limits))
-        self._sensed = self.physics.reset(qpos, slots)
+        self._sensed = self.physics.reset(qpos, slots, plants)
         self._episodes = self.loop.begin(mask, self._sensed, jnp.asarray(limits), self._episodes)
         if self._planner is not None:
             self._planner.begin(slots, trunk_pose(qpos))

@@ -13,6 +13,7 @@ import numpy as np
 from jaxtyping import Float, Int
 
 from agile_jax.control import Counts
+from agile_jax.robot import Plant
 from agile_jax.simulation.outcome import RUNNING, Outcome
 
 
@@ -33,9 +34,13 @@ class Slots(Protocol):
         """How many episodes run at once."""
 
     def begin(
-        self, slots: Int[np.ndarray, " k"], qpos: Float[np.ndarray, "k nq"], time_limits: Float[np.ndarray, " k"]
+        self,
+        slots: Int[np.ndarray, " k"],
+        qpos: Float[np.ndarray, "k nq"],
+        time_limits: Float[np.ndarray, " k"],
+        plants: Plant | None = None,
     ) -> None:
-        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s]."""
+        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s], of robots."""
 
     def advance(self) -> Int[np.ndarray, " count"]:
         """Simulate a while; return the status of every slot. What has ended does not change."""
@@ -49,6 +54,7 @@ def stream(
     qpos: Float[np.ndarray, "n nq"],
     time_limits: Float[np.ndarray, " n"],
     watch: Callable[[np.ndarray], None] | None = None,
+    plants: Plant | None = None,
 ) -> Iterator[tuple[np.ndarray, Rollout]]:
     """Run n episodes and yield them as they end.
 
@@ -57,6 +63,7 @@ def stream(
         qpos: initial configurations.
         time_limits: [s].
         watch: called after every advance with the episode in each slot, shape (count,), -1 where there is none.
+        plants: the n robots; by default they are as the slots' model says.
 
     Yields:
         Indices, shape (k,), of the episodes that have just ended, and their results.
@@ -67,7 +74,8 @@ def stream(
         free = np.flatnonzero(holds < 0)[: len(qpos) - begun]
         if len(free):
             episodes = np.arange(begun, begun + len(free))
-            slots.begin(free, qpos[episodes], time_limits[episodes])
+            robots = None if plants is None else plants.of(episodes)
+            slots.begin(free, qpos[episodes], time_limits[episodes], robots)
             holds[free] = episodes
             begun += len(free)
         if (holds < 0).all():

@@ -99,7 +99,7 @@ KINEMATIC_TEST = Artefact(
 )
 EPISODES = Artefact(
     "episodes",
-    ("seed", "scene", "expert", "policy", "robot.legs", "robot.joints", "control", "evaluation"),
+    ("seed", "scene", "expert", "policy", "robot.legs", "robot.joints", "plant", "control", "evaluation"),
     without_effect=(
         "evaluation.name",
         "evaluation.batch",

@@ -13,7 +13,7 @@ from agile_jax.benchmark.workloads.commands import Command, random_commands
 from agile_jax.benchmark.workloads.disturbance import (
     Disturbance,
     SensorNoise,
-    disturbed_models,
+    disturbed_plants,
     draw,
     push_force,
     sense,
@@ -21,7 +21,7 @@ from agile_jax.benchmark.workloads.disturbance import (
 from agile_jax.benchmark.workloads.tracking import UNDISTURBED, TrackingLoop, track_commands, tracking_loop
 from agile_jax.control import ControlSettings, make_mpc_controller
 from agile_jax.geometry import quaternion_to_rpy
-from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot
+from agile_jax.robot import PlantSettings, RobotSettings, build_mujoco_model, load_robot, plant_model
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
 
@@ -103,14 +103,16 @@ def test_a_push_gives_its_impulse():
 def test_models_differ_as_they_should_and_the_original_stays():
     draws = draw(8, 1)
     before = model().body_mass.copy()
-    models = disturbed_models(model(), Disturbance(trunk_mass=0.2, com_offset=0.03, foot_friction=0.4), draws)
-    assert models is not None
-    for changed, sign in zip(models, draws.sign, strict=True):
+    disturbance = Disturbance(trunk_mass=0.2, com_offset=0.03, plant=PlantSettings(foot_friction=0.4))
+    plants = disturbed_plants(disturbance, draws)
+    assert plants is not None
+    for i, sign in enumerate(draws.sign):
+        changed = plant_model(model(), plants.of(i))
         assert changed.body_mass[1] == pytest.approx(4.713 * (1 + 0.2 * sign))
         assert np.linalg.norm(changed.body_ipos[1] - model().body_ipos[1]) == pytest.approx(0.03)
         assert changed.geom("FR_foot").friction[0] == 0.4
     np.testing.assert_array_equal(model().body_mass, before)
-    assert disturbed_models(model(), UNDISTURBED, draws) is None
+    assert disturbed_plants(UNDISTURBED, draws) is None
 
 
 def test_sensed_noise_has_its_standard_deviation_and_leaves_a_rotation():

@@ -35,7 +35,7 @@ def walk():
     with MujocoPhysics(MODEL, ROBOTS, 2) as physics:
 
         def step(before, states):
-            torque = np.float32(states.queue[:, 0])
+            torque = np.float32(states.torque)
             recorded.append((np.float32(before.qpos), np.float32(before.qvel), torque))
             sensed = physics.step(torque.astype(float))
             return sensed, sensed

@@ -4,19 +4,17 @@ Physics and what is sensed are disturbed; the controller keeps the constants of 
 draws its own signs, directions, times and noise from its own random stream.
 """
 
-import copy
 from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import mujoco
 import numpy as np
 from jaxtyping import Array, Float, UInt32
 
 from agile_jax.arrays import AnyArray
 from agile_jax.geometry import quaternion_to_rpy
+from agile_jax.robot import Plant, PlantSettings, draw_plants
 from agile_jax.scene import streams
-from agile_jax.simulation.mujoco_physics import TRUNK_BODY
 from agile_jax.simulation.sensed import Sensed
 
 PUSH_DURATION = 0.1  # [s]
@@ -38,11 +36,10 @@ class Disturbance(NamedTuple):
     """What disturbs every episode; the default is nothing."""
 
     impulse: float = 0.0  # sideways on the trunk, to the left or to the right, over 0.1 s [N s]
-    foot_friction: float | None = None  # coefficient instead of the model's
+    plant: PlantSettings = PlantSettings()  # joints, friction, motors, delay
     trunk_mass: float = 0.0  # share of the trunk's mass added or taken away
     com_offset: float = 0.0  # of the trunk's centre of mass, in a random direction of the plane [m]
     torque_noise: float = 0.0  # relative: a constant error of every joint, and as much again anew at every step
-    delay: float = 0.0  # of every torque [s]
     noise: SensorNoise = SensorNoise()
 
 
@@ -68,22 +65,17 @@ def draw(episodes: int, seed: int) -> Draws:
     return Draws(sign, angle, begin, error, keys)
 
 
-def disturbed_models(model: mujoco.MjModel, disturbance: Disturbance, draws: Draws) -> list[mujoco.MjModel] | None:
-    """One model an episode, or none where the model is as the controller believes."""
-    if disturbance.foot_friction is None and not disturbance.trunk_mass and not disturbance.com_offset:
+def disturbed_plants(disturbance: Disturbance, draws: Draws) -> Plant | None:
+    """The robots, or none where they are as the controller believes."""
+    if disturbance.plant == PlantSettings() and not disturbance.trunk_mass and not disturbance.com_offset:
         return None
-    models = []
-    for sign, angle in zip(draws.sign, draws.angle, strict=True):
-        changed = copy.copy(model)
-        scale = 1.0 + sign * disturbance.trunk_mass
-        changed.body_mass[TRUNK_BODY] *= scale
-        changed.body_inertia[TRUNK_BODY] *= scale
-        changed.body_ipos[TRUNK_BODY, :2] += disturbance.com_offset * np.array([np.cos(angle), np.sin(angle)])
-        if disturbance.foot_friction is not None:
-            changed.geom_friction[model.geom_priority > 0, 0] = disturbance.foot_friction
-        mujoco.mj_setConst(changed, mujoco.MjData(changed))
-        models.append(changed)
-    return models
+    seed, episodes = int(draws.key[0, 0]), np.asarray(draws.key[:, 1], int)
+    drawn = draw_plants(disturbance.plant, (seed, streams.PLANTS), episodes)
+    away = np.stack([np.cos(draws.angle), np.sin(draws.angle), np.zeros(len(episodes))], -1)
+    return drawn._replace(
+        mass=drawn.mass * (1.0 + draws.sign * disturbance.trunk_mass),
+        com_shift=drawn.com_shift + disturbance.com_offset * away,
+    )
 
 
 def push_force(

@@ -140,7 +140,7 @@ def record_problems(
     with MujocoPhysics(model, robots, 1) as physics:
 
         def step(world: None, states: Tracked) -> tuple[None, Sensed]:
-            return world, physics.step(np.asarray(states.queue[:, 0], np.float64))
+            return world, physics.step(np.asarray(states.torque, np.float64))
 
         sensed = physics.reset(qpos)
         states = loop.init(sensed, commands, draw(robots, seed))

@@ -19,7 +19,7 @@ from agile_jax.benchmark.workloads.disturbance import (
     Disturbance,
     Draws,
     SensorNoise,
-    disturbed_models,
+    disturbed_plants,
     draw,
     next_drift,
     push_force,
@@ -52,7 +52,7 @@ class Tracked(NamedTuple):
     time: Float[Array, ""]  # [s]
     step: Int[Array, ""]
     drift: Float[Array, "3"]  # of the sensed orientation, in standard deviations
-    queue: Float[Array, "delay 12"]  # torques on their way [Nm]
+    torque: Float[Array, "12"]  # of the next step [Nm]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -82,7 +82,7 @@ class Tracking:
             jnp.float32(0.0),
             jnp.int32(0),
             jnp.zeros(3),
-            jnp.zeros((round(self.disturbance.delay / self.settings.control_dt) + 1, 12)),
+            jnp.zeros(12),
         )
 
     def plan(self, now: Tracked, sensed: Sensed) -> Tracked:
@@ -100,9 +100,9 @@ class Tracking:
         return now._replace(controller=state, reference=reference_state, diagnostics=self._diagnostics(now, state))
 
     def act(self, now: Tracked, sensed: Sensed) -> Tracked:
-        """Count the last step, and put the torques of the next into the queue."""
+        """Count the last step, and set the torques of the next."""
         tally = update_tally(
-            now.tally, now.time, sensed, now.command, now.queue[0], now.diagnostics.cone_violation, self.robot
+            now.tally, now.time, sensed, now.command, now.torque, now.diagnostics.cone_violation, self.robot
         )
         seen = self._seen(now, sensed)
         state, torque = self.controller.act(now.controller, seen.robot_state)
@@ -117,7 +117,7 @@ class Tracking:
             time=now.time + self.settings.control_dt,
             step=now.step + 1,
             drift=drift,
-            queue=jnp.concatenate([now.queue[1:], torque[None]]),
+            torque=torque,
         )
 
     def _seen(self, now: Tracked, sensed: Sensed) -> Sensed:
@@ -206,15 +206,16 @@ def track_commands(
     start = standing_qpos(loop.one.robot, np.array([0.0, 0.0, start_height, 0.0], np.float32))
     plans, count = round(duration / settings.plan_dt), len(commands.yaw_rate)
     active = np.ones(count, bool)
-    with MujocoPhysics(model, count, threads, disturbed_models(model, disturbance, draws)) as physics:
+    with MujocoPhysics(model, count, threads) as physics:
 
         def step(world: tuple[int, Sensed], states: Tracked) -> tuple[tuple[int, Sensed], Sensed]:
             steps, before = world
             push = push_force(disturbance, draws, steps * settings.control_dt, before.qpos)
-            sensed = physics.step(np.asarray(states.queue[:, 0], np.float64), active, push)
+            sensed = physics.step(np.asarray(states.torque, np.float64), active, push)
             return (steps + 1, sensed), sensed
 
-        sensed = physics.reset(np.repeat(np.asarray(start)[None], count, 0))
+        plants = disturbed_plants(disturbance, draws)
+        sensed = physics.reset(np.repeat(np.asarray(start)[None], count, 0), None, plants)
         world, states = (0, sensed), loop.init(sensed, as_float32(commands), draws)
         for k in range(plans):
             world, states, sensed = plan_cycle(
