@@ -23,9 +23,18 @@ from agile_jax.control.mpc.solver import cascade
 from agile_jax.control.rest import at_rest, planar_speed
 from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import CONTROLLERS, ControlSettings
-from agile_jax.control.swing import feed_forward_share, folded_leg
+from agile_jax.control.swing import folded_leg
 from agile_jax.geometry import quaternion_to_matrix
-from agile_jax.robot import GRAVITY, RobotModel, RobotState, composite_inertia, leg_forward_kinematics
+from agile_jax.robot import (
+    GRAVITY,
+    RobotModel,
+    RobotState,
+    StrideTable,
+    composite_inertia,
+    leg_forward_kinematics,
+    longest_stride,
+    stride_table,
+)
 from agile_jax.settings import BadInput
 from agile_jax.single_precision import in_float32
 
@@ -70,6 +79,7 @@ class MpcController:
     nominal_feet: Float[np.ndarray, "4 2"]  # the feet under their hips, in the plane of the trunk [m]
     leg_inertia: Float[np.ndarray, "4 3 3"]  # of the joints at the home posture [kg m^2]
     knee_limit_height: float  # of the trunk at which the knees reach their limits [m]
+    strides: StrideTable  # how far the feet may be from their hips, by the height of the trunk
 
     @in_float32
     def init(self, robot_state: RobotState) -> ControllerState:
@@ -145,11 +155,10 @@ class MpcController:
         lift_off = jnp.where(by_clock[:, None], feet_world, state.lift_off_world)
         # A foot that landed early follows its path until the next plan gives it a force.
         bears = gait.standing(settings.gait, clock) & (by_clock | (state.forces_world[:, 2] > 0))
-        crouch = robot_state.base_pos[2] / (robot.thigh_length + robot.calf_length)
         wanted = torques.whole_body_torque(
             robot,
             settings,
-            feed_forward_share(crouch) * self.leg_inertia,
+            self.leg_inertia,
             robot_state,
             R_world_base,
             bears,
@@ -172,8 +181,12 @@ class MpcController:
         rest = at_rest(
             state.gait.stand, body, robot_state, feet, self.nominal_feet, reference, settings.gait.stand_speed
         )
-        clock = gait.schedule(settings.gait, state.gait, planar_speed(reference).max(), rest, settings.plan_dt)
-        footholds = plan_footholds(self.robot, settings, self.nominal_feet, clock, robot_state, body, reference)
+        # The height to come counts, not the present one.
+        height = jnp.minimum(robot_state.base_pos[2], reference.poses[:, 2].min())
+        window = jnp.stack([jnp.interp(height, self.strides.height, ends) for ends in self.strides[1:]])
+        longest = longest_stride(window[0], window[1], gait.duty(settings.gait, state.gait), jnp)
+        clock = gait.schedule(settings.gait, state.gait, planar_speed(reference).max(), longest, rest, settings.plan_dt)
+        footholds = plan_footholds(self.robot, settings, window, self.nominal_feet, clock, robot_state, body, reference)
 
         error = jnp.stack([reference.pose[2] - robot_state.base_pos[2], -body.rpy[0], -body.rpy[1]])
         limit = jnp.array(settings.integral_limit)
@@ -238,4 +251,5 @@ def make_mpc_controller(robot: RobotModel, settings: ControlSettings) -> MpcCont
             robot.hip_pos_base[:, :2] + np.stack([np.zeros(4), robot.abad_offset], -1),
             torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32)),
             folded_leg(robot) + robot.foot_radius,
+            stride_table(robot),
         )

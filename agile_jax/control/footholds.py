@@ -1,4 +1,4 @@
-"""Where feet land: the foothold (Raibert 1986), how far ahead a crouching leg can reach, where feet stand ahead."""
+"""Where feet land: the foothold (Raibert 1986) within what the legs reach, and where feet stand ahead."""
 
 import jax
 import jax.numpy as jnp
@@ -9,14 +9,13 @@ from agile_jax.control import gait
 from agile_jax.control.body import Body, Reference
 from agile_jax.control.settings import ControlSettings, GaitSettings
 from agile_jax.geometry import rotation_2d
-from agile_jax.robot import GRAVITY, RobotModel, RobotState
-
-SWING_LEAD = 0.15  # share of the swing left when the foot has made 94 % of its way
+from agile_jax.robot import GRAVITY, RobotModel, RobotState, overshoot
 
 
 def plan_footholds(
     robot: RobotModel,
     settings: ControlSettings,
+    window: Float[Array, "2"],
     nominal_feet: Float[AnyArray, "4 2"],
     clock: gait.Gait,
     robot_state: RobotState,
@@ -27,7 +26,8 @@ def plan_footholds(
 
     Args:
         robot: constants.
-        settings: gait, `raibert_gain` and `knee_clearance`.
+        settings: gait and `raibert_gain`.
+        window: the least and the largest x of a standing foot from its hip, at the height to come [m].
         nominal_feet: where the feet are under a robot that stands, in the plane of its trunk [m].
         clock: state of the gait.
         robot_state, body: measured.
@@ -47,14 +47,10 @@ def plan_footholds(
         gait.stance_duration(settings.gait, clock),
         settings.raibert_gain,
     )
-    # A crouching leg cannot reach far ahead; the height to come counts, not the present one.
-    height = jnp.minimum(robot_state.base_pos[2], reference.poses[:, 2].min())
-    reach = forward_reach(height, robot.thigh_length, robot.calf_length, robot.foot_radius, settings.knee_clearance)
-    # The smooth swing is near its foothold early, while the hip still has to come: that much less.
-    speed = velocity @ jnp.stack([jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])])
-    reach -= SWING_LEAD * gait.swing_duration(settings.gait, clock) * jnp.maximum(speed, 0.0)
     offset = jnp.einsum("lji,lj->li", rotation, planar - hips)
-    offset = offset.at[:, 0].set(jnp.minimum(offset[:, 0], reach))
+    speed = velocity @ jnp.stack([jnp.cos(body.rpy[2]), jnp.sin(body.rpy[2])])
+    stands = gait.duty(settings.gait, clock)
+    offset = offset.at[:, 0].set(within_window(offset[:, 0], speed * clock.period, stands, window))
     planar = hips + jnp.einsum("lij,lj->li", rotation, offset)
     return jnp.concatenate([planar, jnp.full((4, 1), robot.foot_radius)], -1)
 
@@ -116,20 +112,22 @@ def foothold(
     return hip_ground + neutral + gain * (velocity - velocity_reference) + centripetal
 
 
-def forward_reach(
-    hip_height: jax.Array, thigh_length: float, calf_length: float, foot_radius: float, knee_clearance: float
-) -> jax.Array:
-    """How far ahead of its hip a foot can stand with the knee still off the floor [m].
+def within_window(
+    landing: Float[Array, "4"], stride: Float[Array, ""], stands: Float[Array, ""], window: Float[Array, "2"]
+) -> Float[Array, "4"]:
+    """The nearest places to land whose whole stride stays within the window of a foot, seen from its hip [m].
 
-    The knee bends backward: the further ahead the foot of a crouching robot, the steeper and lower the thigh. With
-    the knee at height c and the foot's centre at r, the thigh spans sqrt(l1^2 - (h - c)^2) back and the calf
-    sqrt(l2^2 - (c - r)^2) ahead.
+    From there the foot moves back by the stance's share of the stride; in the air it passes both ends (`overshoot`).
+    A stride that is too long for the window stands out of it on both sides alike.
 
     Args:
-        hip_height: h [m].
-        thigh_length, calf_length: l1, l2 [m].
-        foot_radius: r [m].
-        knee_clearance: c [m].
+        landing: ahead of the hip [m].
+        stride: way of the body in one period, forward [m].
+        stands: fraction of the period that a foot stands [-].
+        window: the least and the largest x of a foot [m].
     """
-    back = jnp.sqrt(jnp.maximum(thigh_length**2 - (hip_height - knee_clearance) ** 2, 0.0))
-    return jnp.sqrt(calf_length**2 - (knee_clearance - foot_radius) ** 2) - back
+    way, passed = stands * stride, overshoot(stands, jnp) * jnp.abs(stride)
+    least = window[0] + passed + jnp.maximum(way, 0.0)
+    most = window[1] - passed + jnp.minimum(way, 0.0)
+    middle = (least + most) / 2
+    return jnp.clip(landing, jnp.minimum(least, middle), jnp.maximum(most, middle))

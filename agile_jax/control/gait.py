@@ -132,17 +132,27 @@ def advance(settings: GaitSettings, gait: Gait, dt: float, touching: Bool[Array,
     return moved._replace(landed=(gait.landed | touching) & (by_clock | coming_down))
 
 
-def schedule(settings: GaitSettings, gait: Gait, speed: Float[Array, ""], at_rest: Bool[Array, ""], dt: float) -> Gait:
-    """Choose gait and period for the speed, once a plan.
+def schedule(
+    settings: GaitSettings,
+    gait: Gait,
+    speed: Float[Array, ""],
+    longest_stride: Float[Array, ""],
+    at_rest: Bool[Array, ""],
+    dt: float,
+) -> Gait:
+    """Choose gait and period for the speed and the legs, once a plan.
 
     Args:
         settings, gait: as they are.
         speed: of the reference in the plane [m/s].
+        longest_stride: that the legs allow at the height of the trunk [m].
         at_rest: nothing asks for a step.
         dt: since the last plan [s].
     """
     share = jnp.clip(speed / settings.full_speed, 0.0, 1.0)
     trot_period = settings.slow_period + (settings.period - settings.slow_period) * share
+    within_reach = longest_stride / jnp.maximum(speed, 1e-3)
+    trot_period = jnp.minimum(trot_period, jnp.maximum(within_reach, settings.shortest_period))
     wanted = jnp.float32(speed < settings.walk_speed)
     walk = jnp.clip(gait.walk + jnp.clip(wanted - gait.walk, -dt / BLEND_TIME, dt / BLEND_TIME), 0.0, 1.0)
     period = trot_period + (settings.walk_period - trot_period) * walk

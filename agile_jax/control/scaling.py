@@ -26,6 +26,7 @@ def scaled_to(robot: RobotModel, settings: ControlSettings) -> ControlSettings:
                 update={
                     "period": gait.period * time,
                     "slow_period": gait.slow_period * time,
+                    "shortest_period": gait.shortest_period * time,
                     "walk_period": gait.walk_period * time,
                     "step_height": gait.step_height * length,
                     "slow_step_height": gait.slow_step_height * length,
@@ -39,7 +40,6 @@ def scaled_to(robot: RobotModel, settings: ControlSettings) -> ControlSettings:
                 }
             ),
             "raibert_gain": settings.raibert_gain * time,
-            "knee_clearance": settings.knee_clearance * length,
             "swing_stiffness": settings.swing_stiffness * mass * length,
             "swing_damping": settings.swing_damping * mass * length * time,
             "integral_limit": (settings.integral_limit[0] * length, *settings.integral_limit[1:]),

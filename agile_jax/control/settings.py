@@ -18,6 +18,9 @@ class GaitSettings(Settings):
     """Period of the trot at `full_speed` and above [s]."""
     slow_period: Positive = 0.28
     """Period of the trot on the spot [s]."""
+    shortest_period: Positive = 0.20
+    """Period that the trot shortens to where the legs allow no longer stride, in a crouch at speed [s]; found on the A1
+    from 0.12 to 0.17 m of trunk height, and scaled with the robot."""
     duty: Annotated[float, Field(gt=0, lt=1)] = 0.55
     """Fraction of the trot's period that a foot stands [-]."""
     walk_speed: NonNegative = 0.0
@@ -91,8 +94,6 @@ class ControlSettings(Settings):
     """Scale gains, weights and gait, which are meant for the A1, by the robot's mass and leg length."""
     raibert_gain: NonNegative = 0.03
     """Shift of a foothold per velocity error [s]."""
-    knee_clearance: Positive = 0.045
-    """Height of the knees' centres over the floor that footholds must leave [m]."""
     swing_stiffness: Positive = 60.0
     """Proportional gain of the joints of a swinging leg [Nm/rad]."""
     swing_damping: Positive = 1.5

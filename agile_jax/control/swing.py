@@ -1,21 +1,10 @@
-"""Swing legs: the path of a foot to its foothold, and how much of its inertia is fed forward."""
+"""Swing legs: the path of a foot to its foothold."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from agile_jax.robot import RobotModel
-
-FOLDED, UPRIGHT = 0.5, 0.6  # height over leg length between which the swing's feed-forward fades in
-
-
-def feed_forward_share(crouch: jax.Array) -> jax.Array:
-    """Share of the swing's inertia that is fed forward, for the trunk's height over the leg's length.
-
-    A folded leg that follows its path exactly raises its knee above the trunk while the foot is still behind, and hits
-    what the robot crawls under; by PD alone it lags and stays low.
-    """
-    return jnp.clip((crouch - FOLDED) / (UPRIGHT - FOLDED), 0.0, 1.0)
 
 
 def folded_leg(robot: RobotModel) -> float:

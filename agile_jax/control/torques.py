@@ -136,7 +136,7 @@ def whole_body_torque(
 
     Args:
         robot, settings, robot_state: of one robot.
-        inertia: of the legs that is fed forward, at most that of `leg_inertia` [kg m^2].
+        inertia: from `leg_inertia`, fed forward to the legs in the air [kg m^2].
         R_world_base: measured.
         standing: which feet stand.
         forces_world: planned forces of the ground on the feet [N].

@@ -48,3 +48,10 @@ from .plant import (
     plant_model as plant_model,
 )
 from .settings import PlantSettings as PlantSettings, RobotSettings as RobotSettings
+from .stride import (
+    StrideTable as StrideTable,
+    longest_stride as longest_stride,
+    lowest_height as lowest_height,
+    overshoot as overshoot,
+    stride_table as stride_table,
+)

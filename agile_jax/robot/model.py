@@ -9,6 +9,7 @@ from jaxtyping import Bool, Float
 from agile_jax.arrays import AnyArray
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy
 from agile_jax.robot import constants
+from agile_jax.robot.leg_shape import LegShape, leg_shape
 from agile_jax.robot.mjcf import robot_spec
 from agile_jax.robot.settings import RobotSettings
 
@@ -44,6 +45,7 @@ class RobotModel(NamedTuple):
     link_inertias: Float[AnyArray, "13 3 3"]  # about the link's centre of mass, along its axes [kg m^2]
     home_joint_pos: Float[AnyArray, "12"]  # [rad]
     nominal_height: float  # of the base's origin over the floor [m]
+    shape: LegShape  # of what collides
 
 
 class RobotState(NamedTuple):
@@ -94,6 +96,7 @@ def load_robot(settings: RobotSettings) -> RobotModel:
         link_inertias=inertias,
         home_joint_pos=home_joint_pos,
         nominal_height=nominal_height,
+        shape=leg_shape(model),
     )
 
 

@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from agile_jax.control import GaitSettings, gait
-from agile_jax.control.footholds import foothold, forward_reach
+from agile_jax.control.footholds import foothold, within_window
 from agile_jax.control.swing import swing_path
-from agile_jax.robot import RobotSettings, leg_inverse_kinematics, load_robot
+from agile_jax.robot import longest_stride
 
 SETTINGS = GaitSettings()
+LONG = jnp.float32(10.0)  # a stride that no leg is too short for [m]
 
 
 def at_phase(phase: float, walk: float = 0.0, stand: bool = False) -> gait.Gait:
@@ -84,10 +85,10 @@ def test_walk_and_trot_blend_and_periods_follow_the_speed():
     settings = GaitSettings(walk_speed=0.3, slow_period=0.4)
     moving = gait.start(settings)
     for _ in range(60):
-        moving = gait.schedule(settings, moving, jnp.float32(0.6), jnp.bool_(False), 0.02)
+        moving = gait.schedule(settings, moving, jnp.float32(0.6), LONG, jnp.bool_(False), 0.02)
     assert moving.walk == 0.0
     assert moving.period == pytest.approx(settings.period)
-    slower = gait.schedule(settings, moving, jnp.float32(0.25), jnp.bool_(False), 0.02)
+    slower = gait.schedule(settings, moving, jnp.float32(0.25), LONG, jnp.bool_(False), 0.02)
     assert slower.walk == pytest.approx(0.02)
     assert gait.step_height(settings, jnp.float32(0.0), jnp.float32(1.0)) == pytest.approx(settings.slow_step_height)
 
@@ -134,12 +135,49 @@ def test_foothold_is_symmetric_and_catches_a_push():
     assert foothold(hips, v, v, jnp.float32(1), height, 0.2, 0.03)[0, 1] < 0
 
 
-def test_forward_reach_puts_the_knee_at_its_clearance():
-    """Forward kinematics of a leg whose foot stands at the reach: the knee is exactly at the clearance."""
-    robot = load_robot(RobotSettings())
-    for height in (0.16, 0.18, 0.2):
-        reach = forward_reach(jnp.float32(height), robot.thigh_length, robot.calf_length, robot.foot_radius, 0.035)
-        foot = robot.hip_pos_base + np.stack([np.full(4, reach), robot.abad_offset, np.full(4, 0.02 - height)], -1)
-        joints = np.array(leg_inverse_kinematics(robot, jnp.asarray(foot, jnp.float32))).reshape(4, 3)
-        knee_height = height - robot.thigh_length * np.cos(joints[:, 1])
-        np.testing.assert_allclose(knee_height, 0.035, atol=1e-3)
+def test_strides_that_fit_stay_within_the_window():
+    """Places of a foot over whole strides, from its hip, by the swing path itself: none leaves the window."""
+    rear, front, stands = np.array(-0.08), np.array(0.05), 0.55
+    longest = float(longest_stride(rear, front, stands))
+    window = jnp.asarray([rear, front], jnp.float32)
+    s = np.linspace(0, 1, 400, dtype=np.float32)
+    for stride in np.array([0.2, 0.7, 0.999, -0.5, -0.999]) * longest:
+        for wanted in (-0.3, 0.0, stride * stands / 2, 0.3):
+            landing = float(within_window(jnp.full(4, wanted), jnp.float32(stride), jnp.float32(stands), window)[0])
+            off = landing - stands * stride
+            ends = (
+                jnp.tile(jnp.array([[off, 0, 0.02]]), (len(s), 1)),
+                jnp.tile(jnp.array([[off + stride, 0, 0.02]]), (len(s), 1)),
+            )
+            position, _, _ = swing_path(*ends, jnp.full(len(s), 0.02), jnp.asarray(s), 0.1)
+            seen = np.concatenate([np.asarray(position)[:, 0] - stride * (1 - stands) * s, [landing, off]])
+            assert rear - 1e-5 <= seen.min()
+            assert seen.max() <= front + 1e-5
+            if wanted == 0.0 and abs(stride) < 0.3 * longest:  # nothing binds
+                assert landing == pytest.approx(wanted, abs=1e-6)
+
+
+def test_a_stride_too_long_leaves_the_window_on_both_sides_alike():
+    window = jnp.array([-0.08, 0.05], jnp.float32)
+    landing = within_window(jnp.full(4, 0.2), jnp.float32(0.4), jnp.float32(0.55), window)[0]
+    assert float(landing + landing - 0.55 * 0.4) == pytest.approx(-0.08 + 0.05, abs=1e-6)
+
+
+def test_the_trot_quickens_where_the_legs_allow_no_longer_stride():
+    """Continuous in height and speed, never slower than asked and never quicker than the legs can swing."""
+    trot = gait.start(SETTINGS)
+
+    def period(speed: float, longest: float) -> float:
+        return float(
+            gait.schedule(SETTINGS, trot, jnp.float32(speed), jnp.float32(longest), jnp.bool_(False), 0.02).period
+        )
+
+    trot = trot._replace(walk=jnp.float32(0.0))
+    assert period(1.0, 0.5) == pytest.approx(SETTINGS.period)
+    assert period(1.0, 0.24) == pytest.approx(0.24)
+    assert period(2.0, 0.24) == pytest.approx(SETTINGS.shortest_period)
+    periods = np.array([[period(v, stride) for v in np.linspace(0, 1.5, 60)] for stride in np.linspace(0.1, 0.4, 30)])
+    assert np.abs(np.diff(periods, axis=0)).max() < 0.03
+    assert np.abs(np.diff(periods, axis=1)).max() < 0.03
+    assert (np.diff(periods, axis=0) >= -1e-6).all()
+    assert (np.diff(periods, axis=1) <= 1e-6).all()
