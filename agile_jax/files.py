@@ -1,5 +1,6 @@
 """Files that are either whole or not there."""
 
+import errno
 import hashlib
 import json
 import os
@@ -15,9 +16,11 @@ def write_atomic(path: pathlib.Path, data: bytes) -> None:
     """Write `data` to `path` so that a reader, or a kill at any moment, sees the old file or the new one.
 
     Raises:
-        OSError: the disk is full or the folder cannot be written; the old file is intact.
+        OSError: the disk is full or the folder cannot be written; the old file is intact. Or `path` is a folder.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
+    if path.is_dir():
+        raise IsADirectoryError(errno.EISDIR, "is a folder where a file belongs; move it away", str(path))
     temporary = temporary_name(path)
     try:
         with open(temporary, "wb") as file:
@@ -66,10 +69,10 @@ def write_json(path: pathlib.Path, value: object) -> None:
 
 
 def read_json(path: pathlib.Path) -> dict[str, object] | None:
-    """A JSON object, or None when the file is missing, torn or something else."""
+    """A JSON object, or None when the file is missing, torn or something else, such as a folder."""
     try:
         value = json.loads(path.read_bytes())
-    except (FileNotFoundError, NotADirectoryError, ValueError):
+    except (FileNotFoundError, IsADirectoryError, NotADirectoryError, ValueError):
         return None
     return value if isinstance(value, dict) else None
 

@@ -163,9 +163,7 @@ def _summary(path: pathlib.Path) -> Mapping[str, object]:
 
 
 _WORK: dict[str, Stage] = {
-    "dataset": lambda e, run_dir, engine, progress: dataset.generate(
-        e.scene, e.expert, e.dataset, e.seed, run_dir / "dataset", engine, progress
-    ),
+    "dataset": lambda e, run_dir, engine, progress: dataset.generate(e, run_dir, engine, progress),
     "training": lambda e, run_dir, engine, progress: training.train(e, run_dir, engine, progress),
     "evaluation": lambda e, run_dir, engine, progress: evaluation.evaluate(e, run_dir, engine, progress),
     "report": lambda e, run_dir, engine, progress: report.write_report(e, run_dir, progress),

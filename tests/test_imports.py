@@ -31,7 +31,6 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "mujoco": {"robot", "simulation", "report", "benchmark"},
     "dask": {"engine"},
     "distributed": {"engine"},
-    "optuna": {"sweep"},
 }
 WITHOUT_JAX = {
     "scene",
@@ -77,11 +76,10 @@ def test_imports_point_left(path: pathlib.Path) -> None:
         assert others <= LEAVES
     elif mine == "control":
         assert others <= LEAVES | {"robot"}
-    elif mine in STAGES:  # a stage's function takes the whole experiment; settings, which it is made of, do not
-        experiment = {"experiment"} if path.name != "settings.py" else set()
+    elif mine in STAGES:
         # A stage's settings are a part of the experiment, and its work reads the whole of it.
         reads = set() if path.name == "settings.py" else {"experiment"}
-        assert others <= LEAVES | reads | set(STAGES[: STAGES.index(mine)]) | experiment
+        assert others <= LEAVES | reads | set(STAGES[: STAGES.index(mine)])
     elif path.relative_to(PACKAGE).as_posix() in ("sweep/settings.py", "sweep/numbers.py"):
         assert others <= LEAVES
     elif mine == "experiment" and path.name != "check.py":  # composes settings, and nothing else of a stage

@@ -68,7 +68,7 @@ def test_a_run_directory_tells_what_it_is(experiment: Experiment, finished: path
     assert record["amounts"] == {"dataset.trajectories": 12}
     shards = {f"dataset/shard-{i:05d}.npz" for i in range(6)}
     assert record["files"].keys() == shards | {"dataset/manifest.json", "dataset/summary.json"}
-    assert record["settings"]["expert"]["nodes"] == 20
+    assert record["settings"]["expert.nodes"] == 20
 
 
 def test_the_second_time_nothing_is_done(experiment: Experiment, finished: pathlib.Path) -> None:

@@ -24,10 +24,9 @@ def make_dataset(experiment: Experiment, workers: int | None = None, progress: P
         progress: is told of every label.
     """
     engine = partial(open_engine, "inline" if workers is None else "local", workers)
-    parts = experiment.scene, experiment.expert, experiment.dataset, experiment.seed
     with tempfile.TemporaryDirectory(prefix="agile-labels-") as folder:
-        generate(*parts, pathlib.Path(folder), engine, progress)
-        return load(pathlib.Path(folder))
+        generate(experiment, pathlib.Path(folder), engine, progress)
+        return load(pathlib.Path(folder) / "dataset")
 
 
 def train(dataset: Dataset, experiment: Experiment, progress: Progress = silent) -> "TrainedPolicy":

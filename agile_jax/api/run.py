@@ -18,7 +18,7 @@ from agile_jax.progress import Progress, silent
 from agile_jax.run_directory import stage_paths, stage_state
 from agile_jax.scene import Scene, make_scene
 from agile_jax.settings import BadInput
-from agile_jax.store.npz import NpzError, read_npz
+from agile_jax.store.npz import load_npz
 
 if TYPE_CHECKING:
     import pandas  # type: ignore[import-untyped]
@@ -91,11 +91,9 @@ class Run:
     def episodes(self) -> Episodes:
         """The episodes of the evaluation."""
         self._need("evaluation")
-        path = stage_paths(self.directory, self.experiment, "evaluation").summary.with_suffix(".npz")
-        try:
-            return Episodes(read_npz(path))
-        except NpzError as error:
-            raise BadInput(f"{path}: {error}; `agile evaluate {self.directory}` makes it again") from None
+        return Episodes(
+            load_npz(stage_paths(self.directory, self.experiment, "evaluation").summary.with_suffix(".npz"))
+        )
 
     def summary(self, stage: str) -> dict[str, object]:
         """The summary of a stage: "dataset", "training" or "evaluation"."""

@@ -9,3 +9,4 @@ from . import (
     training as training,
 )
 from .metrics import Metric as Metric
+from .subjects import SUBJECTS as SUBJECTS

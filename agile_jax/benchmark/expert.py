@@ -7,7 +7,6 @@ program from one guess, unchecked. What each returns is then measured alike: acc
 clearance exact at 12 points inside every interval.
 """
 
-import pathlib
 from collections.abc import Callable
 from typing import NamedTuple
 
@@ -23,7 +22,6 @@ from agile_jax.expert.verify import BOUND_TOLERANCE, CLEARANCE_TOLERANCE, DYNAMI
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import Scene, make_scene
 
-TABLE = pathlib.Path(__file__).with_name("table.toml")  # the experiment that is measured when none is given
 WIDTH = 5e-3  # [m] of the smoothed face distance
 LONGER = 1e-4  # relative; by this much our durations may exceed a peer's
 SPEED_TARGET = 10.0  # our labels over opti's solves, per second and core

@@ -32,7 +32,6 @@ if TYPE_CHECKING:
     from agile_jax.benchmark.workloads.throughput import Run, Workload
     from agile_jax.training.precision import Precision
 
-TRAINING_TABLE = pathlib.Path(__file__).with_name("training.toml")  # what is measured when no experiment is given
 METHOD = " ".join((__doc__ or "").partition("\n\n")[2].split())
 PAUSE = 0.02  # [s] between two methods: threads of the one before stop spinning
 SHARE_TARGET, PEER_TARGET = 0.85, 1.0

@@ -6,14 +6,13 @@ import pathlib
 import sys
 
 import agile_jax as aj
-from agile_jax import pipeline
+from agile_jax import benchmark as benchmarks, pipeline
 from agile_jax.cli.arguments import EITHER, parse_experiment, parse_run_dir
-from agile_jax.cli.benchmarks import run_benchmark
 from agile_jax.cli.exit_codes import DONE, FAILED
 from agile_jax.cli.overview import LAST_STAGE
 from agile_jax.cli.results import number, print_wrapped, result_lines
 from agile_jax.engine import check_engine
-from agile_jax.files import check_folder
+from agile_jax.files import check_folder, write_json
 from agile_jax.interruption import interruptible_progress
 from agile_jax.settings import BadInput, Count, Pose, Settings
 
@@ -187,8 +186,21 @@ def compare(argv: list[str]) -> int:
 
 def benchmark(argv: list[str]) -> int:
     """`agile benchmark SUBJECT`: ours against the peers."""
+    name, *rest = argv or [""]
+    subjects = benchmarks.SUBJECTS
+    if name in ("-h", "--help"):
+        print("usage: agile benchmark SUBJECT [EXPERIMENT.toml] [OPTIONS]\n")
+        print("\n".join(f"{known:<12}{subject.about}" for known, subject in subjects.items()))
+        return DONE
+    if name not in subjects:
+        raise BadInput(f"which benchmark? There are: {', '.join(subjects)}{f', not {name}' if name else ''}")
+    subject = subjects[name]
+    experiment, options, _ = parse_experiment(f"benchmark {name}", subject.options, rest, subject.experiment)
     with interruptible_progress() as progress:
-        run_benchmark(argv, progress)
+        result = subject.measure(experiment, options, progress)
+    print(getattr(benchmarks, name).report(result))
+    if options.output is not None:
+        write_json(options.output, result)
     return DONE
 
 

@@ -11,7 +11,7 @@ from .dataset import (
     split_mask as split_mask,
 )
 from .expert_time import ExpertTimes as ExpertTimes, expert_times as expert_times, time_limit as time_limit
-from .generate import generate as generate
+from .generate import generate as generate, make_labels as make_labels
 from .queries import Answers as Answers, ask as ask
 from .settings import DatasetSettings as DatasetSettings
 from .starts import unseen_starts as unseen_starts

@@ -18,14 +18,13 @@ from importlib.metadata import version
 import numpy as np
 
 from agile_jax.dataset.dataset import load, read_manifest
-from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.dataset.shard import SCHEMA, LabelSettings, ShardTask, labels_at, make_shard
 from agile_jax.dataset.summary import summarise
-from agile_jax.expert import ExpertSettings
+from agile_jax.experiment import Experiment
 from agile_jax.expert.feasible_poses import check_targets
 from agile_jax.files import hash_json, read_json, sha256, write_json
 from agile_jax.progress import Progress, silent
-from agile_jax.scene import SceneSettings, make_scene
+from agile_jax.scene import make_scene
 from agile_jax.settings import BadInput
 from agile_jax.store.artefact import ELSEWHERE, LABELS, covered, differences
 from agile_jax.store.npz import NpzError, read_npz
@@ -59,28 +58,37 @@ def shard_time_limit(settings: LabelSettings) -> float:
 
 
 def generate(
-    scene_settings: SceneSettings,
-    expert_settings: ExpertSettings,
-    dataset_settings: DatasetSettings,
-    seed: int,
-    directory: pathlib.Path,
-    engine: OpenEngine,
-    progress: Progress = silent,
+    experiment: Experiment, run_dir: pathlib.Path, open_engine: OpenEngine, progress: Progress = silent
 ) -> dict[str, object]:
-    """Make what is missing of a dataset and return its summary.
+    """Make what is missing of `dataset/` in a run directory, see `make_labels`."""
+    settings = LabelSettings(experiment.scene, experiment.expert, experiment.dataset, experiment.seed)
+    return make_labels(settings, run_dir / "dataset", open_engine, progress)
 
-    Valid labels are kept, damaged or foreign files moved to quarantine/ and made again. `engine` (for example
-    `functools.partial(open_engine, "local", 2)`) is opened only when a label is missing.
+
+def make_labels(
+    settings: LabelSettings, directory: pathlib.Path, open_engine: OpenEngine, progress: Progress = silent
+) -> dict[str, object]:
+    """Make what is missing of a dataset.
+
+    Valid labels are kept, damaged or foreign files moved to quarantine/ and made again.
+
+    Args:
+        settings: what the labels are made from.
+        directory: of the dataset.
+        open_engine: opens the work engine, for example `functools.partial(open_engine, "local", 2)`; it is called only
+            when a label is missing.
+        progress: is told of every shard.
+
+    Returns:
+        The summary.
 
     Raises:
         BadInput: a target keeps less than the expert's margin.
         TasksFailedError: some shards could not be made; the others are kept.
         OSError: the disk is full or cannot be written; what is there stays valid.
     """
-    check_targets(make_scene(scene_settings), expert_settings, dataset_settings.targets)
-    directory = pathlib.Path(directory)
+    check_targets(make_scene(settings.scene), settings.expert, settings.dataset.targets)
     directory.mkdir(parents=True, exist_ok=True)
-    settings = LabelSettings(scene_settings, expert_settings, dataset_settings, seed)
     if (summary := _made_elsewhere(directory, settings)) is not None:
         return summary
     labels = labels_at(directory, settings, _listed(directory))
@@ -89,8 +97,8 @@ def generate(
     def task(numbers: np.ndarray) -> ShardTask:
         return ShardTask(settings, tuple(labels.items[numbers].tolist()))
 
-    complete(labels, make_shard, task, engine, shard_time_limit(settings), progress, "trajectories")
-    manifest = {"seed": seed, "source": "expert", "settings": covered(LABELS, settings.tables())}
+    complete(labels, make_shard, task, open_engine, shard_time_limit(settings), progress, "trajectories")
+    manifest = {"seed": settings.seed, "source": "expert", "settings": covered(LABELS, settings.tables())}
     return commit(directory, labels, manifest, beyond)
 
 

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jaxtyping import Array, Float, Int, PyTree
+from threadpoolctl import threadpool_limits
 
 from agile_jax.control import make_controller
 from agile_jax.evaluation.planners import ExpertPlanner
@@ -49,6 +50,9 @@ from agile_jax.single_precision import in_float32
 from agile_jax.training import load_policy
 
 QUERIES = 200  # of which the median time is taken
+# Decorates what runs the controller. JAX factorises its small matrices with the BLAS of SciPy, whose last digits depend
+# on the number of its threads, and more than one are slower there.
+on_one_blas_thread = threadpool_limits.wrap(limits=1, user_api="blas")
 
 
 @dataclass(frozen=True)

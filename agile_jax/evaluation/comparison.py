@@ -7,7 +7,7 @@ import numpy as np
 from agile_jax.evaluation.kept import Columns, find_evaluation
 from agile_jax.evaluation.statistics import mcnemar_p_value, wilson_interval
 from agile_jax.settings import BadInput
-from agile_jax.store.npz import NpzError, read_npz
+from agile_jax.store.npz import load_npz
 
 NEEDED = ("start", "success", "arrival_time")
 
@@ -58,11 +58,5 @@ def _load(which: pathlib.Path | str, backend: str) -> Columns:
     path = find_evaluation(which, backend)
     if not path.is_file():
         raise BadInput(f"{path}: there is no such evaluation; `agile evaluate` makes it")
-    try:
-        columns = read_npz(path)
-    except NpzError as error:
-        raise BadInput(f"{path}: {error}") from error
-    for name in NEEDED:
-        if name not in columns:
-            raise BadInput(f"{path}: the array {name} is missing")
+    columns = load_npz(path, NEEDED)
     return {name: columns[name] for name in NEEDED}

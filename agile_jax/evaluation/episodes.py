@@ -9,7 +9,7 @@ import numpy as np
 from jaxtyping import Float, Int, PyTree
 
 from agile_jax.engine import TaskFailure, TasksFailedError
-from agile_jax.evaluation.backend import Backend, make_backend
+from agile_jax.evaluation.backend import Backend, make_backend, on_one_blas_thread
 from agile_jax.evaluation.kept import Columns, KeptEvaluation, joined
 from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress
@@ -79,6 +79,7 @@ def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[Ended
             yield Ended(row, trace)
 
 
+@on_one_blas_thread
 def simulate_here(work: Work, kept: KeptEvaluation, threads: int, progress: Progress) -> None:
     """Simulate in this process and keep what has ended, file by file."""
     count, there = len(work.episodes), work.experiment.evaluation.episodes - len(work.episodes)
@@ -145,6 +146,7 @@ def split(count: int, workers: int) -> list[slice]:
 _BACKENDS: dict[tuple[str, int], Backend] = {}  # of this worker, the last one: compiling takes longer than a part
 
 
+@on_one_blas_thread
 def simulate_part(work: Work) -> PartResult:
     """Simulate a part on one core. Runs in a worker."""
     batch, begun = min(work.experiment.evaluation.batch, len(work.episodes)), time.perf_counter()

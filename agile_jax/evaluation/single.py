@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from agile_jax.dataset import time_limit
-from agile_jax.evaluation.backend import command_parameters, make_backend
+from agile_jax.evaluation.backend import command_parameters, make_backend, on_one_blas_thread
 from agile_jax.experiment import Experiment
 from agile_jax.expert import check_start, make_expert
 from agile_jax.progress import Progress, silent
@@ -14,6 +14,7 @@ from agile_jax.scene import make_scene
 from agile_jax.simulation import OUTCOME_NAMES, Recorder, Trace, gather, stream
 
 
+@on_one_blas_thread
 def rollout_one(
     experiment: Experiment,
     run_directory: pathlib.Path,

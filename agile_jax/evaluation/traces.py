@@ -28,8 +28,10 @@ def load_traces(path: pathlib.Path) -> list[Trace]:
     Raises:
         BadInput: no such file, or it holds no traces.
     """
+    if not path.exists():
+        raise BadInput(f"{path}: no such file")
     try:
         columns = read_npz(path)
         return [Trace(*(columns[name][i, :n] for name in Trace._fields)) for i, n in enumerate(columns["length"])]
     except (NpzError, KeyError, IndexError) as error:
-        raise BadInput(f"{path}: holds no recorded episodes ({error})") from None
+        raise BadInput(f"{path}: holds no recorded episodes ({type(error).__name__}: {error})") from None

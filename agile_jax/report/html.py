@@ -4,10 +4,10 @@ import pathlib
 from collections.abc import Callable, Mapping
 
 from agile_jax.experiment import Experiment
-from agile_jax.files import write_atomic
+from agile_jax.files import read_json, write_atomic
 from agile_jax.progress import Progress, silent
 from agile_jax.report import run_figures, sections
-from agile_jax.report.json_files import Summary, read_json
+from agile_jax.report.json_files import Summary
 from agile_jax.report.outdated import meta, summaries
 from agile_jax.report.page import Section, page, paragraph
 from agile_jax.report.video.rendering_record import write_record
@@ -34,8 +34,8 @@ def write_report(experiment: Experiment, run_dir: pathlib.Path, progress: Progre
         OSError: the folder cannot be written.
     """
     told = summaries(run_dir)
-    problems: list[str] = []
-    found = {name: _read(run_dir, name, problems) for name in told}
+    found = {name: read_json(run_dir / name) for name in told}
+    problems = [f"{name}: not a JSON object" for name, summary in found.items() if summary is None]
     dataset, training = found.pop("dataset/summary.json", None), found.pop("training/summary.json", None)
     evaluations = {pathlib.Path(name).stem: summary or {} for name, summary in found.items()}
     total = 3 + len(evaluations)
@@ -108,12 +108,3 @@ def _guarded(run_dir: pathlib.Path, make: Callable[[], str]) -> str:
 
 def _left_out(run_dir: pathlib.Path, error: BadInput) -> str:
     return paragraph(f"Left out: {str(error).replace(f'{run_dir}/', '')}")
-
-
-def _read(run_dir: pathlib.Path, name: str, problems: list[str]) -> Summary | None:
-    """The summary, None when it is missing or damaged; the latter is added to `problems`."""
-    try:
-        return read_json(run_dir / name)
-    except BadInput as error:
-        problems.append(str(error).replace(f"{run_dir}/", ""))
-        return None

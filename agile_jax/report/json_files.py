@@ -1,4 +1,4 @@
-"""Reading summaries and metrics. Loads no heavy library."""
+"""Reading the training's metrics. Loads no heavy library."""
 
 import json
 import pathlib
@@ -27,20 +27,3 @@ def read_metrics(path: pathlib.Path) -> list[Summary]:
             raise BadInput(f"{path}, line {number}: not a JSON object")
         rows.append(row)
     return rows
-
-
-def read_json(path: pathlib.Path) -> Summary | None:
-    """The object in a JSON file, None where there is no file.
-
-    Raises:
-        BadInput: the file holds something else.
-    """
-    if not path.is_file():
-        return None
-    try:
-        value = json.loads(path.read_text(encoding="utf-8"))
-    except ValueError as error:
-        raise BadInput(f"{path}: not JSON ({error})") from error
-    if not isinstance(value, dict):
-        raise BadInput(f"{path}: not a JSON object")
-    return value

@@ -13,7 +13,7 @@ from agile_jax.report.under_obstacles import went_under
 from agile_jax.scene import POSE_SIZE, Scene
 from agile_jax.settings import BadInput
 from agile_jax.simulation import OUTCOME_NAMES, SUCCESS, Trace
-from agile_jax.store.npz import NpzError, read_npz
+from agile_jax.store.npz import load_npz
 from agile_jax.training.kinematic_test.follow import OUTCOMES as TEST_OUTCOMES
 
 _WIDTHS = {"qpos": (19,), "qvel": (18,), "torque": (12,), "reference": (2 * POSE_SIZE,), "saturated": (12,)}
@@ -114,14 +114,9 @@ def load_columns(path: pathlib.Path) -> dict[str, Float[np.ndarray, " n"]]:
 
 def _load(path: pathlib.Path, **shapes: tuple[str | int, ...]) -> dict[str, np.ndarray]:
     """The arrays of an npz file, among them those named, of their shapes: a letter stands for one length in all."""
-    try:
-        arrays = read_npz(path)
-    except NpzError as error:
-        raise BadInput(f"{path}: {error}") from error
+    arrays = load_npz(path, shapes)
     lengths: dict[str | int, int] = {}
     for name, shape in shapes.items():
-        if name not in arrays:
-            raise BadInput(f"{path}: the array {name} is missing")
         found = arrays[name].shape
         pairs = zip(shape, found, strict=False)  # their numbers are compared below
         wanted = [n if isinstance(n, int) else lengths.setdefault(n, length) for n, length in pairs]

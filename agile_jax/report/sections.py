@@ -4,9 +4,9 @@ import pathlib
 import tomllib
 from collections.abc import Mapping
 
-from agile_jax import files
+from agile_jax.files import read_json
 from agile_jax.report import definitions
-from agile_jax.report.json_files import Summary, read_json
+from agile_jax.report.json_files import Summary
 from agile_jax.report.outdated import summaries
 from agile_jax.report.page import Section, cards, listing, paragraph, table
 from agile_jax.scene import SceneSettings
@@ -197,8 +197,8 @@ def sources(run_dir: pathlib.Path) -> str:
 def _key(run_dir: pathlib.Path, summary: str) -> str:
     """The key under which the result of a summary is kept, as it or its record says; "" where there is none."""
     path = run_dir / summary
-    record = files.read_json(path.with_name("stage.json")) or {}  # an evaluation has none there
-    return str((files.read_json(path) or {}).get("evaluation_key") or record.get("key") or "")[:16]
+    record = read_json(path.with_name("stage.json")) or {}  # an evaluation has none there
+    return str((read_json(path) or {}).get("evaluation_key") or record.get("key") or "")[:16]
 
 
 def settings_section(run_dir: pathlib.Path) -> Section:
@@ -219,7 +219,8 @@ def settings_section(run_dir: pathlib.Path) -> Section:
 def environment_table(run_dir: pathlib.Path) -> str:
     """Versions, seed and hash."""
     values = read_json(run_dir / "environment.json")
-    return paragraph("The run holds no environment.json.") if values is None else table(("", ""), _flat(values))
+    words = "The run holds no environment.json that can be read."
+    return paragraph(words) if values is None else table(("", ""), _flat(values))
 
 
 def _flat(values: Summary, prefix: str = "") -> list[tuple[str, object]]:

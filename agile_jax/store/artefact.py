@@ -12,7 +12,7 @@ Settings are plain nested tables (an experiment's `model_dump(mode="json")`), so
 docs/settings.md shows every setting's effect on every artefact; tests/store/test_settings_table.py compares the two.
 """
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 from agile_jax import plugins
@@ -121,22 +121,17 @@ ARTEFACTS = {one.name: one for one in (LABELS, EXPERT_TIMES, ANSWERS, EPOCHS, KI
 
 
 def covered(artefact: Artefact, settings: Table) -> dict[str, object]:
-    """The settings that the key covers, nested as in an experiment: for records, and to name differences.
+    """The settings that the key covers, by dotted path: for records, and to name differences.
 
     Raises:
         KeyError: a setting that the artefact names does not exist.
     """
-    left_out = {*artefact.without_effect, *_free_amounts(artefact, settings)}
-    found: dict[str, object] = {}
-    for dotted in artefact.reads:
-        if dotted not in left_out:
-            found = _merged(found, _nested(dotted, _without(_at(settings, dotted), dotted, left_out)))
-    return found
+    return _below(settings, artefact.reads, {*artefact.without_effect, *_free_amounts(artefact, settings)})
 
 
 def amounts(artefact: Artefact, settings: Table) -> dict[str, object]:
     """How much of the artefact the settings ask for, by dotted setting."""
-    return {dotted: _at(settings, dotted) for dotted in _free_amounts(artefact, settings)}
+    return _below(settings, _free_amounts(artefact, settings))
 
 
 def key(
@@ -169,16 +164,13 @@ def key(
 
 
 def described(artefact: Artefact, settings: Table) -> dict[str, object]:
-    """All settings that decide on the result, nested, those of its inputs and their amounts too: what a record tells,
-    and what a refusal compares.
+    """All settings that decide on the result, by dotted path, those of its inputs and their amounts too: what a record
+    tells, and what a refusal compares.
     """
     found: dict[str, object] = {}
-    for name in artefact.inputs:
-        source = ARTEFACTS[name]
-        found = _merged(found, described(source, settings))
-        for dotted, value in amounts(source, settings).items():
-            found = _merged(found, _nested(dotted, value))
-    return _merged(found, covered(artefact, settings))
+    for source in (ARTEFACTS[name] for name in artefact.inputs):
+        found |= described(source, settings) | amounts(source, settings)
+    return found | covered(artefact, settings)
 
 
 def keys(settings: Table, foreign: Mapping[str, str] | None = None) -> dict[str, str]:
@@ -195,55 +187,38 @@ def keys(settings: Table, foreign: Mapping[str, str] | None = None) -> dict[str,
 
 
 def differences(there: object, asked: object) -> list[str]:
-    """The dotted settings in which two nested tables differ, with both values, one a line."""
+    """The dotted settings in which two tables differ, nested or flat, with both values, one a line."""
     old, new = dict(_leaves(there)), dict(_leaves(asked))
     names = [name for name in dict.fromkeys([*old, *new]) if old.get(name, "absent") != new.get(name, "absent")]
     return [f"{name}: {old.get(name, 'absent')!r} there, {new.get(name, 'absent')!r} asked for" for name in names]
 
 
-def _nested(dotted: str, value: object) -> object:
-    for name in reversed(dotted.split(".")):
-        value = {name: value}
-    return value
-
-
-def _merged(one: object, other: object) -> dict[str, object]:
-    assert isinstance(one, Mapping)
-    assert isinstance(other, Mapping)
-    joined = dict(one)
-    for name, value in other.items():
-        both = isinstance(value, Mapping) and isinstance(joined.get(name), Mapping)
-        joined[name] = _merged(joined[name], value) if both else value
-    return joined
-
-
 def _free_amounts(artefact: Artefact, settings: Table) -> tuple[str, ...]:
     """The amounts that are no part of the key with these settings."""
-    conditions = dict(artefact.fixed_unless)
+    values, conditions = dict(_leaves(settings)), dict(artefact.fixed_unless)
     return tuple(
-        dotted
-        for dotted in artefact.amount
-        if all(_at(settings, other) == value for other, value in conditions.get(dotted, {}).items())
+        amount
+        for amount in artefact.amount
+        if all(values[other] == value for other, value in conditions.get(amount, {}).items())
     )
 
 
-def _at(settings: Table, dotted: str) -> object:
-    value: object = settings
-    for name in dotted.split("."):
-        if not isinstance(value, Mapping) or name not in value:
-            raise KeyError(f"there is no setting {dotted}")
-        value = value[name]
-    return value
+def _below(settings: Table, names: Collection[str], left_out: Collection[str] = ()) -> dict[str, object]:
+    """The values of settings and of all in sections, by dotted path, without those that are left out.
+
+    Raises:
+        KeyError: there is no such setting.
+    """
+    leaves = dict(_leaves(settings))
+    for name in names:
+        if name not in left_out and not any(_within(dotted, (name,)) for dotted in leaves):
+            raise KeyError(f"there is no setting {name}")
+    return {name: value for name, value in leaves.items() if _within(name, names) and not _within(name, left_out)}
 
 
-def _without(value: object, dotted: str, left_out: set[str]) -> object:
-    if not isinstance(value, Mapping):
-        return value
-    return {
-        name: _without(item, f"{dotted}.{name}", left_out)
-        for name, item in value.items()
-        if f"{dotted}.{name}" not in left_out
-    }
+def _within(dotted: str, names: Collection[str]) -> bool:
+    """Whether a setting is one of these, or in one of these sections."""
+    return any(f"{dotted}.".startswith(f"{name}.") for name in names)
 
 
 def _leaves(value: object, dotted: str = "") -> Iterator[tuple[str, object]]:

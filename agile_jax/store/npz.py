@@ -4,11 +4,12 @@ import io
 import pathlib
 import zipfile
 import zlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
 import numpy as np
 
 from agile_jax.files import write_atomic
+from agile_jax.settings import BadInput
 
 Arrays = dict[str, np.ndarray]
 _DAMAGE = (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, SyntaxError)
@@ -51,3 +52,25 @@ def read_npz(source: pathlib.Path | bytes) -> Arrays:
         return arrays
     except _DAMAGE as error:
         raise NpzError(f"unreadable ({type(error).__name__}: {' '.join(str(error).split())})") from None
+
+
+def load_npz(path: pathlib.Path, needed: Iterable[str] = ()) -> Arrays:
+    """All arrays of a file that somebody has named, or that a stage has made.
+
+    Args:
+        path: of the file.
+        needed: arrays that it must hold.
+
+    Raises:
+        BadInput: it cannot be used.
+    """
+    if not path.exists():
+        raise BadInput(f"{path}: no such file")
+    try:
+        arrays = read_npz(path)
+    except NpzError as error:
+        raise BadInput(f"{path}: {error}") from None
+    for name in needed:
+        if name not in arrays:
+            raise BadInput(f"{path}: the array {name} is missing")
+    return arrays

@@ -19,7 +19,7 @@ class Record(NamedTuple):
     stage: str
     key: str  # store/artefact.py
     amounts: dict[str, object]  # how much was asked for, by dotted setting
-    settings: dict[str, object]  # nested: all that decide on the result
+    settings: dict[str, object]  # all that decide on the result, by dotted path
     inputs: dict[str, str]  # digests of what it was made from
     files: dict[str, str] | None = None  # sha256 by path, relative to the run directory; None: not finished
     summary: dict[str, object] | None = None  # a copy, from which a damaged one is repaired

@@ -9,11 +9,12 @@ import sys
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.expert import TABLE, benchmark_expert, report
+from agile_jax.benchmark.expert import benchmark_expert, report
 from agile_jax.benchmark.metrics import Metric, as_json, table
 from agile_jax.benchmark.peers.opti_peer import make_opti_peer
 from agile_jax.benchmark.peers.peer_path import PeerPath, dense_poses, integrate, measure
 from agile_jax.benchmark.peers.rockit_peer import make_rockit_peer, rockit_is_installed
+from agile_jax.benchmark.subjects import PAPER
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
 from agile_jax.expert import ExpertSettings, integrate as integrate_label, make_expert, minimum_time, verify
@@ -33,7 +34,7 @@ PEERS = [
 
 @pytest.fixture(scope="module")
 def table_scene():
-    return make_scene(load_experiment(TABLE).scene)
+    return make_scene(load_experiment(PAPER).scene)
 
 
 @pytest.mark.parametrize("make", PEERS)
@@ -114,7 +115,7 @@ def test_a_target_is_missed_on_its_wrong_side_only():
 
 
 def test_numbers_of_a_small_run_fit_together():
-    experiment = load_experiment(TABLE, {"expert.nodes": 40})
+    experiment = load_experiment(PAPER, {"expert.nodes": 40})
     calls = []
     result = benchmark_expert(experiment, 3, lambda *call: calls.append(call))
     metrics = {key: metric["value"] for key, metric in result["metrics"].items()}

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.expert import TABLE
 from agile_jax.benchmark.policy import BATCH, SPEED_TARGET, _metrics, benchmark_policy, report
+from agile_jax.benchmark.subjects import PAPER
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
 
@@ -24,7 +24,7 @@ def test_the_numbers_are_those_of_the_calls():
 
 
 def test_it_measures_policy_and_expert():
-    experiment = load_experiment(TABLE, {"policy.hidden_layers": [8, 8], "expert.nodes": 20})
+    experiment = load_experiment(PAPER, {"policy.hidden_layers": [8, 8], "expert.nodes": 20})
     result = benchmark_policy(experiment, 2)
     metrics = result["metrics"]
     assert 0 < metrics["policy.query_median"]["value"] < metrics["policy.single_median"]["value"]

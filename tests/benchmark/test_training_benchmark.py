@@ -7,7 +7,8 @@ from importlib.util import find_spec
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.training import METHODS, TRAINING_TABLE, _torch, benchmark_training, report
+from agile_jax.benchmark.subjects import LARGE_NETWORK
+from agile_jax.benchmark.training import METHODS, _torch, benchmark_training, report
 from agile_jax.benchmark.workloads.throughput import make_products, make_workload, step_flops
 from agile_jax.cli import main
 from agile_jax.experiment import load_experiment
@@ -72,7 +73,7 @@ def test_products_are_those_of_a_step(workload):
 
 
 def test_the_papers_network_has_its_flops():
-    experiment = load_experiment(TRAINING_TABLE)
+    experiment = load_experiment(LARGE_NETWORK)
     widths = (4, *experiment.policy.hidden_layers, 4)
     weights = sum(a * b for a, b in itertools.pairwise(widths))
     assert weights == 3_672_064
@@ -105,7 +106,7 @@ def test_file_and_table(tmp_path, capsys):
 
 def test_without_torch_the_reason_stands_in_the_file(monkeypatch):
     monkeypatch.setattr("agile_jax.benchmark.training.find_spec", lambda name: None)
-    experiment = load_experiment(TRAINING_TABLE, {"policy.hidden_layers": [32], "training.batch_size": 16})
+    experiment = load_experiment(LARGE_NETWORK, {"policy.hidden_layers": [32], "training.batch_size": 16})
     result = benchmark_training(experiment, 1, 1)
     assert {name for name in METHODS if name.startswith("torch")} == {
         name for name, text in result["methods"].items() if text == "not installed: pip install torch"

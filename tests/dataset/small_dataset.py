@@ -2,7 +2,8 @@
 
 import functools
 
-from agile_jax.dataset import DatasetSettings, generate
+from agile_jax.dataset import DatasetSettings, make_labels
+from agile_jax.dataset.shard import LabelSettings
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.scene import SceneSettings
@@ -16,4 +17,4 @@ INLINE = functools.partial(open_engine, "inline")
 
 
 def make(directory, engine=INLINE, expert=EXPERT, dataset=DATASET, **kwargs):
-    return generate(SCENE, expert, dataset, SEED, directory, engine, **kwargs)
+    return make_labels(LabelSettings(SCENE, expert, dataset, SEED), directory, engine, **kwargs)

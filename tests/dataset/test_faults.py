@@ -13,9 +13,9 @@ import tempfile
 
 import numpy as np
 import pytest
-from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
+from small_dataset import DATASET, EXPERT, make
 
-from agile_jax.dataset import generate, load
+from agile_jax.dataset import load
 from agile_jax.dataset.shard import make_shard
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings, make_expert
@@ -158,7 +158,7 @@ def test_one_node_is_refused_before_any_work(tmp_path):
 @pytest.mark.parametrize("nodes", [10, 20, pytest.param(1000, marks=pytest.mark.slow)])
 def test_few_and_many_nodes_give_labels_or_causes(tmp_path, nodes):
     expert = EXPERT.model_copy(update={"nodes": nodes})
-    summary = generate(SCENE, expert, DATASET.model_copy(update={"trajectories": 4}), SEED, tmp_path, INLINE)
+    summary = make(tmp_path, expert=expert, dataset=DATASET.model_copy(update={"trajectories": 4}))
     assert summary["attempted"] == 4 == summary["trajectories"] + sum(summary["failed"].values())
     assert summary["unverified"] == 0
     assert summary["trajectories"] > 0

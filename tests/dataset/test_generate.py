@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
 
-from agile_jax.dataset import DatasetSettings, generate, load
+from agile_jax.dataset import DatasetSettings, load, make_labels
 from agile_jax.dataset.shard import LabelSettings, ShardTask, make_shard
 from agile_jax.engine import TasksFailedError, open_engine
 from agile_jax.expert import ExpertSettings, verify
@@ -102,7 +102,8 @@ def test_summary_and_manifest_are_rebuilt_from_the_shards(copy, reference):
 
 DRIVER = """
 import functools, pathlib, sys, time
-from agile_jax.dataset import DatasetSettings, generate
+from agile_jax.dataset import DatasetSettings, make_labels
+from agile_jax.dataset.shard import LabelSettings
 from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings
 from agile_jax.scene import SceneSettings
@@ -116,7 +117,8 @@ if __name__ == "__main__":
     expert = ExpertSettings.model_validate_json(sys.argv[2])
     dataset = DatasetSettings.model_validate_json(sys.argv[3])
     engine = functools.partial(open_engine, "local", 2)
-    generate(scene, expert, dataset, int(sys.argv[4]), pathlib.Path(sys.argv[5]), engine, slowly)
+    settings = LabelSettings(scene, expert, dataset, int(sys.argv[4]))
+    make_labels(settings, pathlib.Path(sys.argv[5]), engine, slowly)
 """
 
 
@@ -193,7 +195,7 @@ def test_shards_of_other_settings_or_places_are_not_used(copy, reference, caplog
     assert len(list((copy / "quarantine").iterdir())) == 2
     assert (copy / "notes.txt").exists()
     assert any("notes.txt" in r.getMessage() for r in caplog.records)
-    other = generate(SCENE, EXPERT, DATASET, SEED + 1, copy, INLINE)
+    other = make_labels(LabelSettings(SCENE, EXPERT, DATASET, SEED + 1), copy, INLINE)
     assert other["dataset_hash"] != reference[1]["dataset_hash"]
     assert len(list((copy / "quarantine").iterdir())) == 6
 
@@ -245,7 +247,7 @@ def test_failures_are_kept_with_their_cause(tmp_path):
     wall = {"kind": "box", "position": [1.5, 0.0, 0.5], "size": [0.1, 8.0, 1.0]}
     scene = SceneSettings(obstacles=[wall], start=start)
     dataset = DatasetSettings(trajectories=6, shard_size=6)
-    summary = generate(scene, ExpertSettings(nodes=20), dataset, 0, tmp_path, INLINE)
+    summary = make_labels(LabelSettings(scene, ExpertSettings(nodes=20), dataset, 0), tmp_path, INLINE)
     assert summary["attempted"] == 6
     assert summary["failed"].get("no route", 0) + summary["trajectories"] == 6
     assert 0 < summary["trajectories"] < 6

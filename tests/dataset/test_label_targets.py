@@ -8,9 +8,9 @@ import sys
 
 import numpy as np
 import pytest
-from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED, make
+from small_dataset import DATASET, EXPERT, SCENE, make
 
-from agile_jax.dataset import generate, labels_to, load
+from agile_jax.dataset import labels_to, load
 from agile_jax.engine import open_engine
 from agile_jax.expert import Trajectory, lower_bound, rejection, verify
 from agile_jax.scene import facing, make_scene
@@ -24,7 +24,7 @@ BASE = pathlib.Path(__file__).parents[2] / "experiments" / "base.toml"
 @pytest.fixture(scope="module")
 def directory(tmp_path_factory):
     directory = tmp_path_factory.mktemp("targets")
-    generate(SCENE, EXPERT, SEVERAL, SEED, directory, INLINE)
+    make(directory, dataset=SEVERAL)
     return directory
 
 
@@ -63,7 +63,7 @@ def test_no_label_to_a_target_is_refused(directory):
 def test_bad_targets_are_refused_by_number_before_any_work(tmp_path, bad):
     dataset = DATASET.model_copy(update={"targets": (TARGETS[0], bad)})
     with pytest.raises(BadInput, match=r"^dataset.targets\[1\]"):
-        generate(SCENE, EXPERT, dataset, SEED, tmp_path / "d", INLINE)
+        make(tmp_path / "d", dataset=dataset)
     assert not (tmp_path / "d").exists()
     line = f"targets = [[3.0, 0.0, 0.28, 0.0], {list(bad)}]"
     (tmp_path / "e.toml").write_text(f'extends = "{BASE}"\nname = "n"\n[dataset]\n{line}\n')
@@ -87,6 +87,6 @@ def test_shards_of_the_schema_before_are_made_again(copy, reference, caplog):
 
 @pytest.mark.slow
 def test_two_workers_write_the_same_bytes(directory, tmp_path):
-    generate(SCENE, EXPERT, SEVERAL, SEED, tmp_path, functools.partial(open_engine, "local", 2))
+    make(tmp_path, functools.partial(open_engine, "local", 2), dataset=SEVERAL)
     for path in directory.glob("shard-*.npz"):
         assert (tmp_path / path.name).read_bytes() == path.read_bytes()

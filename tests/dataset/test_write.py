@@ -4,10 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from small_dataset import DATASET, EXPERT, INLINE, SCENE, SEED
+from small_dataset import EXPERT, SCENE, SEED, make
 
 from agile_jax import pipeline
-from agile_jax.dataset import generate, load, write
+from agile_jax.dataset import load, write
 from agile_jax.experiment import Experiment
 from agile_jax.expert import Trajectory
 from agile_jax.run_directory import stage_state
@@ -52,7 +52,7 @@ def test_a_run_goes_on_from_labels_made_elsewhere(trajectories, tmp_path):
     assert not (folder / "quarantine").exists()
     faster = EXPERT.model_copy(update={"velocity": (2.0, 0.5, 0.3, 1.0)})
     with pytest.raises(BadInput, match=r"made elsewhere, with other settings: expert\.velocity"):
-        generate(SCENE, faster, DATASET, SEED, folder, INLINE)
+        make(folder, expert=faster)
     (folder / "shard-00000.npz").write_bytes(shard[:-1])
     assert stage_state(tmp_path / "run", experiment, "dataset") == "begun"
     with pytest.raises(BadInput, match=r"shard-00000\.npz: its sha256 is not the manifest's"):

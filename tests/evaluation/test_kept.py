@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from near import near
 from quadruped import tiny
+from threadpoolctl import threadpool_limits
 
 from agile_jax.dataset import unseen_starts
 from agile_jax.engine import open_engine
@@ -59,6 +60,15 @@ def test_more_episodes_other_batches_and_records_keep_what_is_there(tmp_path: pa
     for name, values in episodes.items():
         np.testing.assert_array_equal(values, more[name][:4], err_msg=name)
     assert len(load_traces(tmp_path / "evaluation/mujoco-traces.npz")) == 3
+
+
+def test_threads_of_the_blas_change_nothing(tmp_path: pathlib.Path):
+    for threads in (1, 2):
+        with threadpool_limits(threads, user_api="blas"):
+            evaluate(near(traced=0), tmp_path / str(threads), INLINE)
+    one, two = columns(tmp_path / "1"), columns(tmp_path / "2")
+    for name, values in one.items():
+        np.testing.assert_array_equal(values, two[name], err_msg=name)
 
 
 def test_another_controller_is_another_evaluation_beside_the_first(tmp_path: pathlib.Path):

@@ -5,7 +5,7 @@ import pathlib
 import numpy as np
 import pytest
 
-from agile_jax.benchmark.expert import TABLE as PAPER  # the paper's starts, from rest
+from agile_jax.benchmark.subjects import PAPER  # the paper's starts, from rest
 from agile_jax.dataset.starts import draw_start
 from agile_jax.experiment import load_experiment
 from agile_jax.expert import ExpertSettings, make_expert
