@@ -11,6 +11,7 @@ from . import (
     robot as robot,
     scene as scene,
     simulation as simulation,
+    study as study,
     sweep as sweep,
     training as training,
 )

@@ -5,7 +5,7 @@ stopped.
 """
 
 import pathlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -44,9 +44,13 @@ class StageResult(NamedTuple):
     summary: Mapping[str, object]
 
 
-def stages_up_to(stage: str) -> tuple[str, ...]:
-    """The stage and all that it needs."""
-    return STAGES[: STAGES.index(stage) + 1]
+def stages_for(experiment: Experiment, wanted: Iterable[str]) -> tuple[str, ...]:
+    """Some stages and all that they need: to evaluate another planner than the policy needs no stage before it."""
+    needed = set()
+    for stage in wanted:
+        alone = stage == "evaluation" and experiment.evaluation.planner != "policy"
+        needed |= {stage} if alone else set(STAGES[: STAGES.index(stage) + 1])
+    return tuple(stage for stage in STAGES if stage in needed)
 
 
 def run(

@@ -21,6 +21,7 @@ BASE = {
     "name": "base",
     "scene": {"obstacles": (TABLE, BOX)},
     "sweep": {"space": {"training.learning_rate": (1e-3, 2e-3)}},
+    "study": {"vary": "seed", "values": (1, 2)},
 }
 WITH: dict[str, dict[str, object]] = {  # what other settings must be for one to have another valid value
     "training.momentum": {"training.optimizer": "sgd"},
@@ -131,8 +132,8 @@ def variants(base: Experiment, dotted: str) -> tuple[dict[str, object], dict[str
             continue
         if dict(leaves(after))[dotted] != value:
             return before.model_dump(mode="json"), after.model_dump(mode="json")
-    if dotted.startswith("sweep.") or len(choices(annotation_of(before, dotted))) == 1:
-        # Of a sweep, two settings must change at once; where there is one choice, the others are plugins.
+    if dotted.startswith(("sweep.", "study.")) or len(choices(annotation_of(before, dotted))) == 1:
+        # Of a sweep or a study, two settings must change at once; where there is one choice, the others are plugins.
         tables = before.model_dump(mode="json")
         return tables, changed(tables, dotted, "another")
     raise LookupError(f"{dotted}: no other valid value found beside {value!r}")

@@ -18,6 +18,7 @@ FILES = {
     "nan.toml": "[training]\nlearning_rate = nan",
     "inside.toml": "[scene]\ntarget = [1.5, 0.0, 0.28, 0.0]",
     "type.toml": "[training]\nepochs = 'many'",
+    "far.toml": "[study]\nvary = 'seed'\nvalues = [1, -1]",
     "close.toml": "[scene]\ntarget = [2.04, 0.0, 0.28, 0.0]",
     "filter.toml": "[policy]\nfilter_margin = 0.03",
     "rounds.toml": "[aggregation]\nrounds = 1",
@@ -105,6 +106,9 @@ Call = Callable[..., tuple[int, str, str]]
             "command line: --workers = 0: input should be greater than or equal to 1",
         ),
         (["sweep", "good.toml"], "no [sweep] table"),
+        (["study", "good.toml"], "no [study] table"),
+        (["study", "far.toml"], "study: seed = -1: input should be greater than or equal to 0"),
+        (["status", "nowhere"], "nowhere: is no folder of a run, a sweep or a study"),
         (["plan", "good.toml"], "command line: --start: is missing"),
         (["plan", "good.toml", "--start", "0", "0", "0.28"], "--start = [0, 0, 0.28]: must have 4 values, not 3"),
         (["plan", "good.toml", "--start", "0", "0", "0.28", "90"], "[rad]; 90 degrees are 1.571"),
@@ -332,7 +336,7 @@ def test_plan_draws_into_the_current_folder_if_not_told_where(folder: pathlib.Pa
     assert (folder / "plan.png").read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.parametrize("command", ["run", "evaluate", "report", "sweep", "rollout"])
+@pytest.mark.parametrize("command", ["run", "evaluate", "report", "sweep", "study", "rollout"])
 def test_an_opengl_that_nobody_knows_is_one_line(
     command: str, folder: pathlib.Path, call: Call, monkeypatch: pytest.MonkeyPatch
 ) -> None:

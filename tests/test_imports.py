@@ -39,6 +39,7 @@ WITHOUT_JAX = {
     "store",
     "experiment",
     "sweep",
+    "study",
     "api",
     "cli",
 }  # and every module at the top of the package but single_precision.py
@@ -82,6 +83,8 @@ def test_imports_point_left(path: pathlib.Path) -> None:
         assert others <= LEAVES | reads | set(STAGES[: STAGES.index(mine)])
     elif path.relative_to(PACKAGE).as_posix() in ("sweep/settings.py", "sweep/numbers.py"):
         assert others <= LEAVES
+    elif path.relative_to(PACKAGE).as_posix() == "study/settings.py":
+        assert others <= LEAVES | {"sweep"}
     elif mine == "experiment" and path.name != "check.py":  # composes settings, and nothing else of a stage
         of_stages = {name for name in imported(path) if name.startswith("agile_jax.") and name.split(".")[1] in STAGES}
         checks = {"agile_jax.robot.envelope", "agile_jax.expert.feasible_poses"}
@@ -120,7 +123,7 @@ def loaded(statement: str) -> set[str]:
 
 
 def test_the_light_packages_load_no_jax() -> None:
-    parts = ["benchmark", "expert", "dataset", "engine", "experiment", "sweep"]
+    parts = ["benchmark", "expert", "dataset", "engine", "experiment", "sweep", "study"]
     packages = ", ".join(["agile_jax", *(f"agile_jax.{part}" for part in parts)])
     assert not loaded(f"import {packages}") & {"jax", "mujoco", "matplotlib", "optax", "orbax"}
 

@@ -18,7 +18,7 @@ from agile_jax.settings import BadInput
 __all__ = ["BAD_INPUT", "COMMANDS", "DONE", "FAILED", "main", "overview"]
 
 DEVICE_ERRORS = ("JaxRuntimeError", "XlaRuntimeError")  # of JAX, which most commands have not loaded
-SIMULATING = ("run", "evaluate", "report", "sweep", "rollout", "compare")  # these import mujoco
+SIMULATING = ("run", "evaluate", "report", "sweep", "study", "status", "rollout", "compare")  # these import mujoco
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

@@ -69,7 +69,7 @@ def run_stages(command: str, argv: list[str]) -> int:
     check_engine(options.engine, options.workers)
     run_dir = options.run_dir or named or pathlib.Path("runs") / experiment.name
     check_folder(run_dir)
-    stages = pipeline.stages_up_to(LAST_STAGE[command])
+    stages = pipeline.stages_for(experiment, [LAST_STAGE[command]])
     if options.dry_run:
         if not options.overwrite:
             pipeline.refuse_other_settings(run_dir, experiment, stages)
@@ -115,6 +115,46 @@ def sweep(argv: list[str]) -> int:
     print(aj.sweep.table(experiment, trials))
     print(f"results: {sweep_dir / 'sweep.json'}")
     return FAILED if any(trial.status == "failed" for trial in trials) else DONE
+
+
+def study(argv: list[str]) -> int:
+    """`agile study`: the values of the file's [study]."""
+    experiment, options, named = parse_experiment("study", RunOptions, argv, takes=EITHER)
+    check_engine(options.engine, options.workers)
+    settings = aj.study.study_settings(experiment)
+    study_dir = options.run_dir or named or pathlib.Path("runs") / experiment.name
+    check_folder(study_dir)
+    if options.dry_run:
+        rows = aj.study.make_rows(settings, aj.study.list_values(experiment, study_dir))
+        print(aj.study.table(settings, rows))
+        return DONE
+    with interruptible_progress() as progress:
+        rows = aj.study.run_study(
+            experiment, study_dir, engine=options.engine, workers=options.workers, progress=progress
+        )
+    print(aj.study.table(settings, rows))
+    for sentence in aj.study.sentences(settings, rows):
+        print_wrapped(sentence)
+    print(f"results: {study_dir / 'study.html'}")
+    return FAILED if any(row["status"] == "failed" for row in rows) else DONE
+
+
+def status(argv: list[str]) -> int:
+    """`agile status`: what is done of a run, a sweep or a study, and what is left; writes nothing."""
+    directory, _ = parse_run_dir("status", Settings, argv)
+    path = directory / "experiment.toml"
+    if not path.is_file():
+        raise BadInput(f"{directory}: is no folder of a run, a sweep or a study: it has no experiment.toml")
+    experiment, varies = aj.load_experiment(path), (directory / "trials").is_dir()
+    if varies and experiment.study is not None:
+        rows = aj.study.make_rows(experiment.study, aj.study.list_values(experiment, directory))
+        print(aj.study.table(experiment.study, rows))
+    elif varies:
+        print(aj.sweep.table(experiment, aj.sweep.list_trials(experiment, directory)))
+    else:
+        for stage, intent in pipeline.forecast(experiment, directory).items():
+            print(f"{stage:<12}{intent}")
+    return DONE
 
 
 def plan(argv: list[str]) -> int:

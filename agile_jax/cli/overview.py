@@ -7,6 +7,8 @@ COMMANDS = {  # name: (arguments, what it does)
     "evaluate": ("EXPERIMENT.toml|RUN_DIR", "closed-loop episodes of the robot, after what they need"),
     "report": ("EXPERIMENT.toml|RUN_DIR", "figures, video and report.html, after what they need"),
     "sweep": ("EXPERIMENT.toml", "every point of the file's [sweep.space]"),
+    "study": ("EXPERIMENT.toml|STUDY_DIR", "success, clearance and time against one number: the file's [study]"),
+    "status": ("DIR", "what is done and what is left of a run, a sweep or a study"),
     "plan": ("EXPERIMENT.toml --start X Y Z YAW", "one optimal path, printed and drawn"),
     "rollout": ("RUN_DIR --start X Y Z YAW", "one closed-loop episode of a finished run, or --replay FILE"),
     "export": ("RUN_DIR", "the trained policy of a finished run, in files for use elsewhere"),

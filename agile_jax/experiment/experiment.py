@@ -28,6 +28,7 @@ from agile_jax.report.settings import ReportSettings
 from agile_jax.robot.settings import PlantSettings, RobotSettings
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import BadInput, Settings
+from agile_jax.study.settings import StudySettings
 from agile_jax.sweep.settings import SweepSettings
 from agile_jax.training.settings import AggregationSettings, KinematicTestSettings, TrainingSettings
 
@@ -67,6 +68,8 @@ class Experiment(Settings):
     """Figures and video."""
     sweep: SweepSettings | None = None
     """What `agile sweep` varies."""
+    study: StudySettings | None = None
+    """What `agile study` varies."""
 
     @field_validator("name")
     @classmethod
@@ -112,8 +115,8 @@ def to_toml(experiment: Experiment) -> str:
 
 
 def experiment_hash(experiment: Experiment) -> str:
-    """The sha256 of all settings but the name and the sweep, which change no result."""
-    return hash_json(experiment.model_dump(mode="json", exclude={"name", "sweep"}))
+    """The sha256 of all settings but the name, the sweep and the study, which change no result."""
+    return hash_json(experiment.model_dump(mode="json", exclude={"name", "sweep", "study"}))
 
 
 def json_schema() -> dict[str, Any]:

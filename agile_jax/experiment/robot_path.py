@@ -9,7 +9,7 @@ from agile_jax.robot.settings import OWN
 
 
 def resolve_robot_paths(table: Table) -> Table:
-    """The table with absolute paths of robots, also of those that its sweep varies; `table` itself is changed.
+    """The table with absolute paths of robots, also of those that its sweep or study varies; `table` itself is changed.
 
     A path from the command line is relative to the working directory.
     """
@@ -20,6 +20,9 @@ def resolve_robot_paths(table: Table) -> Table:
         for point in points if isinstance(points, list) else []:
             _resolve(point, table, ("sweep", "points"))
         _resolve(sweep.get("space"), table, ("sweep", "space"))
+    study = table.values.get("study")
+    if isinstance(study, dict):
+        _resolve(study.get("curves"), table, ("study", "curves"))
     return table
 
 

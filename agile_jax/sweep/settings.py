@@ -1,6 +1,6 @@
 """Settings of a sweep: what is varied, and by which number the trials are compared."""
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, field_validator, model_validator
@@ -46,26 +46,32 @@ class SweepSettings(Settings):
     @classmethod
     def _dotted(cls, space: object) -> object:
         """An unquoted `training.learning_rate = [...]` is a nested table in TOML; it means the same."""
-        return _flatten(space) if isinstance(space, dict) else space
+        return flatten(space) if isinstance(space, dict) else space
 
     @field_validator("points", mode="before")
     @classmethod
     def _points_dotted(cls, points: object) -> object:
         if not isinstance(points, list | tuple):
             return points
-        return tuple(_flatten(point) if isinstance(point, dict) else point for point in points)
+        return tuple(flatten(point) if isinstance(point, dict) else point for point in points)
 
     @field_validator("space", "points")
     @classmethod
     def _keys_can_vary(cls, value: Points) -> Points:
-        for key in value if isinstance(value, dict) else [key for point in value for key in point]:
-            if key.split(".")[0] in ("name", "sweep", "extends"):
-                raise ValueError(f"{key} names the experiment or the sweep and cannot vary")
+        check_keys(value if isinstance(value, dict) else [key for point in value for key in point])
         return value
 
 
-def _flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+def check_keys(keys: Iterable[str]) -> None:
+    """Raise ValueError for dotted keys that do not say what an experiment is."""
+    for key in keys:
+        if key.split(".")[0] in ("name", "sweep", "study", "extends"):
+            raise ValueError(f"{key} names the experiment or what varies it, and cannot vary")
+
+
+def flatten(table: Mapping[str, object], prefix: str = "") -> dict[str, object]:
+    """A nested table as values by dotted key."""
     flat: dict[str, object] = {}
     for key, value in table.items():
-        flat.update(_flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value})
+        flat.update(flatten(value, f"{prefix}{key}.") if isinstance(value, dict) else {f"{prefix}{key}": value})
     return flat

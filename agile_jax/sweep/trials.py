@@ -3,12 +3,12 @@
 import itertools
 import math
 import pathlib
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Literal, NamedTuple
 
 from agile_jax.experiment import Experiment, experiment_hash, with_overrides
 from agile_jax.files import read_json
-from agile_jax.pipeline import stages_up_to
+from agile_jax.pipeline import stages_for
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
 
@@ -20,10 +20,11 @@ class Trial(NamedTuple):
     values: Mapping[str, object]  # what is varied, by dotted key
     experiment: Experiment
     run_dir: pathlib.Path
-    status: Literal["new", "done", "failed"]
-    metric: float | None
-    cause: str  # of a failure
-    seconds: float  # spent on it by the process that finished it
+    stages: tuple[str, ...]  # that it runs
+    status: Literal["new", "done", "failed"] = "new"
+    metric: float | None = None
+    cause: str = ""  # of a failure
+    seconds: float = 0.0  # spent on it by the process that finished it
     shown: tuple[float | None, ...] = ()  # the numbers that the sweep shows beside its metric
 
 
@@ -35,29 +36,48 @@ class Number(NamedTuple):
 
 
 def make_trials(experiment: Experiment, sweep_dir: pathlib.Path) -> list[Trial]:
-    """Every point, validated; equal points once. All errors of all points at once.
+    """Every point of the sweep, validated; equal points once. All errors of all points at once.
 
     Raises:
         BadInput: the experiment has no [sweep], or a point is no valid experiment.
     """
     settings = sweep_settings(experiment)
-    points = settings.points or [
-        dict(zip(settings.space, point, strict=True)) for point in itertools.product(*settings.space.values())
-    ]
-    bare = experiment.model_copy(update={"sweep": None})
+    points = settings.points or grid(settings.space)
+    wanted = {key.split(".")[0] for key in (settings.metric, *settings.show)}
+    return trials_at(points, experiment, sweep_dir, wanted, "sweep.points" if settings.points else "sweep.space")
+
+
+def grid(space: Mapping[str, Sequence[object]]) -> list[dict[str, object]]:
+    """Every combination of the values of some dotted keys; the last key varies fastest."""
+    return [dict(zip(space, point, strict=True)) for point in itertools.product(*space.values())]
+
+
+def trials_at(
+    points: Iterable[Mapping[str, object]],
+    experiment: Experiment,
+    folder: pathlib.Path,
+    wanted: Iterable[str],
+    source: str,
+) -> list[Trial]:
+    """The trials at some points, each run as far as the stages in `wanted` need; `source` names them in messages.
+
+    Raises:
+        BadInput: points that are no valid experiments, all errors at once.
+    """
+    bare = experiment.model_copy(update={"sweep": None, "study": None})
     trials: dict[str, Trial] = {}
     errors: dict[str, None] = {}
     for values in points:
         try:
-            trial = with_overrides(bare, values, "sweep.points" if settings.points else "sweep.space")
+            trial = with_overrides(bare, values, source)
         except BadInput as error:
             errors.update(dict.fromkeys(str(error).splitlines()))
             continue
         identity = experiment_hash(trial)
-        run_dir = sweep_dir / "trials" / identity[:12]
+        run_dir = folder / "trials" / identity[:12]
         own = {"name": f"{experiment.name[:51]}-{identity[:12]}"}  # going on from a trial is no work in the sweep
         trial = trial.model_copy(update=own)
-        trials.setdefault(identity, Trial(identity, values, trial, run_dir, "new", None, "", 0.0))
+        trials.setdefault(identity, Trial(identity, values, trial, run_dir, stages_for(trial, wanted)))
     if errors:
         raise BadInput("\n".join(errors))
     return list(trials.values())
@@ -70,11 +90,6 @@ def sweep_settings(experiment: Experiment) -> SweepSettings:
             f"{experiment.name}: the experiment has no [sweep] table with a [sweep.space] or [[sweep.points]]"
         )
     return experiment.sweep
-
-
-def stages_for(settings: SweepSettings) -> tuple[str, ...]:
-    """The stages that a trial must run for its metric and for what is shown."""
-    return max((stages_up_to(key.split(".")[0]) for key in (settings.metric, *settings.show)), key=len)
 
 
 def read_number(key: str, run_dir: pathlib.Path) -> Number:
@@ -93,14 +108,14 @@ def read_number(key: str, run_dir: pathlib.Path) -> Number:
     return Number(float(value), "")
 
 
-def best(settings: SweepSettings, trials: list[Trial]) -> Trial | None:
+def best(settings: SweepSettings, trials: Sequence[Trial]) -> Trial | None:
     """The finished trial with the best metric; the first of equals."""
     sign = 1 if settings.direction == "minimize" else -1
     done = [trial for trial in trials if trial.metric is not None]
     return min(done, key=lambda trial: sign * (trial.metric or 0.0), default=None)
 
 
-def table(experiment: Experiment, trials: list[Trial]) -> str:
+def table(experiment: Experiment, trials: Sequence[Trial]) -> str:
     """The trials as text, the best one marked."""
     settings = sweep_settings(experiment)
     winner = best(settings, trials)
@@ -118,6 +133,11 @@ def table(experiment: Experiment, trials: list[Trial]) -> str:
                 f"{trial.seconds:.1f}" if trial.seconds else "",
             ]
         )
+    return aligned(rows)
+
+
+def aligned(rows: Sequence[Sequence[str]]) -> str:
+    """Rows of as many cells each, in columns."""
     widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
     return "\n".join(
         "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows

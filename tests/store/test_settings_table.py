@@ -49,7 +49,7 @@ def test_what_is_known_of_the_table(rows: dict[str, dict[str, str]]) -> None:
     """The answers that were thought out, not generated."""
     nothing = {f"evaluation.{name}" for name in ("name", "batch", "where", "devices", "threads")}
     nothing |= {f"training.{name}" for name in ("checkpoint_every", "devices", "keep")}
-    for name in nothing | {name for name in rows if name.startswith("sweep.")}:
+    for name in nothing | {name for name in rows if name.startswith(("sweep.", "study."))}:
         assert set(rows[name].values()) == {""}, name
     assert column(rows, "labels", "amount") == {"dataset.trajectories"}
     assert column(rows, "episodes", "amount") == {"evaluation.episodes", "evaluation.traced"}

@@ -11,7 +11,7 @@ import pytest
 
 from agile_jax.experiment import Experiment, load_experiment, with_overrides
 from agile_jax.sweep import list_trials, run_sweep
-from agile_jax.sweep.run import wait_until_free
+from agile_jax.sweep.execute import wait_until_free
 
 BASE = pathlib.Path(__file__).parents[2] / "experiments" / "base.toml"
 SMALL = {"dataset.trajectories": 2, "dataset.shard_size": 1, "expert.nodes": 20, "name": "s"}

@@ -8,7 +8,7 @@ from agile_jax.experiment import Experiment, experiment_hash, with_overrides
 from agile_jax.files import write_json
 from agile_jax.settings import BadInput
 from agile_jax.sweep.settings import SweepSettings
-from agile_jax.sweep.trials import Number, Trial, best, make_trials, read_number, stages_for, table
+from agile_jax.sweep.trials import Number, Trial, best, make_trials, read_number, table
 
 SPACE = {"training.learning_rate": [0.1, 0.2], "seed": [0, 1, 2]}
 
@@ -96,7 +96,16 @@ def test_a_trial_runs_as_far_as_its_metric_needs() -> None:
         ("training.validation_mse", ("dataset", "training")),
         ("evaluation.mujoco.success_rate", ("dataset", "training", "evaluation")),
     ):
-        assert stages_for(SweepSettings(metric=metric, space={"seed": (1,)})) == stages
+        (trial,) = make_trials(sweep({"seed": [1]}, metric=metric), pathlib.Path())
+        assert trial.stages == stages
+
+
+def test_only_a_policy_needs_labels_and_a_training_to_be_evaluated() -> None:
+    space = {"evaluation.planner": ["policy", "open_loop"]}
+    policy, path = make_trials(sweep(space, metric="evaluation.mujoco.success_rate"), pathlib.Path())
+    assert (policy.stages, path.stages) == (("dataset", "training", "evaluation"), ("evaluation",))
+    shown = sweep(space, metric="evaluation.mujoco.success_rate", show=["dataset.trajectories"])
+    assert make_trials(shown, pathlib.Path())[1].stages == ("dataset", "evaluation")
 
 
 def test_metrics_are_finite_numbers_or_a_reason(tmp_path: pathlib.Path) -> None:
