@@ -27,6 +27,7 @@ from agile_jax.run_directory import (
     what_differs,
     write_identity,
 )
+from agile_jax.settings import BadInput
 from agile_jax.store.artefact import differences
 from agile_jax.store.parts import OpenEngine
 from agile_jax.store.record import damaged, read_record, write_record
@@ -92,6 +93,9 @@ def run(
     with locked(run_dir) as check_held, sharing(folder):
         remove_torn(run_dir)
         write_identity(run_dir, experiment)
+        for stage in stages_for(experiment, stages):
+            if stage not in stages:
+                _check_sound(stage, experiment, run_dir)
         for stage in stages:
             results[stage] = _run_stage(stage, experiment, run_dir, open_workers, check_held, progress)
     return results
@@ -135,6 +139,14 @@ def failures(results: dict[str, StageResult]) -> list[str]:
         causes = ", ".join(f"{cause}: {count}" for cause, count in failed.items()) if isinstance(failed, dict) else ""
         found.append(f"dataset: none of {summary['attempted']} starts could be solved ({causes})")
     return found
+
+
+def _check_sound(stage: str, experiment: Experiment, run_dir: pathlib.Path) -> None:
+    """Refuse (BadInput) to compute from a finished stage that is damaged, where it is not run now."""
+    repair_summary(run_dir, experiment, stage)
+    record = read_record(stage_paths(run_dir, experiment, stage).record)
+    if record is not None and record.files is not None and (bad := damaged(run_dir, record.files)):
+        raise BadInput(f"{run_dir}: its {stage} is damaged ({', '.join(bad[:3])}); `agile run {run_dir}` repairs it")
 
 
 def _run_stage(

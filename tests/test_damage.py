@@ -95,3 +95,39 @@ def test_more_epochs_of_a_constant_rate_go_on_and_fewer_are_refused(
     summary = pipeline.run(more, run_dir, ("dataset", "training"), engine="inline", store="none")["training"].summary
     assert (summary["epochs"], summary["field_starts"]) == (4, 6)
     assert (run_dir / "training/metrics.jsonl").read_text().startswith(rows)
+
+
+def test_a_report_never_tells_a_damaged_number(finished_run: pathlib.Path, tmp_path: pathlib.Path) -> None:
+    run_dir = shutil.copytree(finished_run, tmp_path / "run")
+    experiment = load_experiment(run_dir / "experiment.toml")
+    path, told = run_dir / "evaluation/mujoco.json", (run_dir / "report.html").read_text()
+    sound, episodes = path.read_bytes(), (run_dir / "evaluation/mujoco.npz").read_bytes()
+    path.write_text(json.dumps(json.loads(sound) | {"success_rate": 0.125}))
+    (run_dir / "report.html").unlink()
+    assert stage_state(run_dir, experiment, "evaluation") == "begun"
+    (run_dir / "evaluation/mujoco.npz").write_bytes(episodes[:-50] + b"?" + episodes[-49:])
+    with pytest.raises(BadInput, match=r"its evaluation is damaged .*mujoco\.npz.*`agile run .*` repairs it"):
+        pipeline.run(experiment, run_dir, ("report",), engine="inline")
+    assert not (run_dir / "report.html").exists()
+    (run_dir / "evaluation/mujoco.npz").write_bytes(episodes)
+    pipeline.run(experiment, run_dir, ("report",), engine="inline")
+    assert path.read_bytes() == sound
+    assert (run_dir / "report.html").read_text() == told
+    assert "<b>12.5 %</b>" not in told
+
+
+def test_another_evaluation_keeps_the_first_and_marks_the_report(
+    finished_run: pathlib.Path, tmp_path: pathlib.Path
+) -> None:
+    run_dir = shutil.copytree(finished_run, tmp_path / "run")
+    experiment = load_experiment(run_dir / "experiment.toml")
+    kept = {path: path.read_bytes() for path in run_dir.glob("evaluation/kept/*/*.npz")}
+    assert kept
+    other = with_overrides(experiment, {"evaluation.seed": 5, "evaluation.episodes": 1}, "test")
+    assert "will tell of it instead" in pipeline.forecast(other, run_dir, ("evaluation",))["evaluation"]
+    pipeline.run(other, run_dir, ("evaluation",), engine="inline")
+    assert {path: path.read_bytes() for path in kept} == kept
+    marked = "since it was written, evaluation/mujoco.json changed"
+    assert marked in (run_dir / "report.html").read_text()
+    pipeline.run(experiment, run_dir, ("evaluation",), engine="inline")  # nothing is simulated
+    assert marked not in (run_dir / "report.html").read_text()

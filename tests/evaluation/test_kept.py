@@ -16,6 +16,8 @@ from agile_jax.evaluation import compare
 from agile_jax.evaluation.stage import evaluate, evaluation_starts
 from agile_jax.evaluation.traces import load_traces
 from agile_jax.experiment import load_experiment
+from agile_jax.expert import planning_margin
+from agile_jax.scene import clearance, make_scene
 from agile_jax.settings import BadInput
 from agile_jax.sweep.numbers import NUMBERS
 
@@ -38,6 +40,17 @@ def test_starts_do_not_depend_on_how_many_there_are():
     experiment = near()
     same = unseen_starts(experiment.scene, experiment.expert, 3, (0, 7_001, 0))
     np.testing.assert_array_equal(few, same)
+
+
+def test_starts_keep_the_margin_that_labels_keep():
+    """From closer by the expert has no path, and a rollout is refused."""
+    table = {"kind": "table", "position": [0.5, 0.0], "size": [0.4, 0.6], "underside": 0.25}
+    start = {"mean": [0.5, 0.0, 0.28, 0.0], "std": [0.3, 0.3, 0.04, 0.3]}
+    experiment = near(scene={"obstacles": [table], "start": start, "target": [2.0, 0.0, 0.28, 0.0]}, episodes=4000)
+    distances = clearance(make_scene(experiment.scene), evaluation_starts(experiment))
+    margin = experiment.expert.clearance_margin
+    assert (distances < margin + 0.005).any()  # many are near
+    assert distances.min() >= planning_margin(experiment.expert) > margin
 
 
 def test_more_episodes_other_batches_and_records_keep_what_is_there(tmp_path: pathlib.Path):

@@ -1,5 +1,7 @@
 """Parts: only what is missing, damaged or of another key is made, and the bytes do not depend on how."""
 
+import subprocess
+import sys
 from contextlib import contextmanager
 from functools import partial
 
@@ -11,7 +13,7 @@ from agile_jax.engine import open_engine
 from agile_jax.expert import ExpertSettings, make_expert
 from agile_jax.scene import SceneSettings, TableSettings, make_scene
 from agile_jax.store.parts import Made, Parts, complete
-from agile_jax.store.shared import sharing
+from agile_jax.store.shared import publish, sharing, take
 
 INLINE = partial(open_engine, "inline")
 TABLE = TableSettings(kind="table", position=(1.5, 0.0), size=(0.5, 1.0), underside=0.25)
@@ -153,6 +155,14 @@ def test_expert_times_depend_on_the_start_and_the_solve_alone(tmp_path):
         expert_times(SCENE, EXPERT.model_copy(update={"effort_weight": 6e-3}), STARTS[:2], no_engine, tmp_path)
 
 
+def test_run_directories_side_by_side_time_equal_starts_once(tmp_path):
+    with sharing(tmp_path / ".store"):
+        one = expert_times(SCENE, EXPERT, STARTS[:2], INLINE, tmp_path / "one/evaluation/expert-times")
+        other = expert_times(SCENE, EXPERT, STARTS[:2], no_engine, tmp_path / "two/evaluation/expert-times")
+    np.testing.assert_array_equal(one.duration, other.duration)
+    np.testing.assert_array_equal(one.arrival, other.arrival)
+
+
 def test_what_one_has_made_another_copies(tmp_path):
     with sharing(tmp_path / "store"):
         one = do(tmp_path / "one")
@@ -189,3 +199,28 @@ def test_a_damaged_shared_part_is_made_again_and_mended(tmp_path, damage):
         assert ASKED == [4, 5, 6, 7]
         assert other.digest() == one.digest()
         do(tmp_path / "third", engine=no_engine)
+
+
+PUBLISHER = """
+import pathlib, sys
+from agile_jax.store.shared import publish
+who = int(sys.argv[2])
+for items in range(1, 60):
+    publish(pathlib.Path(sys.argv[1]), bytes([who]) * items * 1000, items, {"who": who, "items": items})
+"""
+
+
+def test_what_is_taken_while_two_processes_publish_is_whole_and_of_one(tmp_path):
+    path, seen = tmp_path / "part-00000.npz", 0
+    command = [sys.executable, "-c", PUBLISHER, str(path)]
+    publishers = [subprocess.Popen([*command, who]) for who in ("1", "2")]
+    while any(publisher.poll() is None for publisher in publishers):
+        if (taken := take(path)) is not None:
+            data, note = taken
+            assert data[:1] * note["items"] * 1000 == data
+            assert data[0] in (1, 2)
+            seen += 1
+    assert [publisher.returncode for publisher in publishers] == [0, 0]
+    assert seen > 0
+    publish(path, b"3" * 100, 100, {"who": 3})  # whatever they left is mended
+    assert take(path) == (b"3" * 100, {"who": 3})
