@@ -84,8 +84,9 @@ def run(
     """
     check_engine(engine, workers)
     check_folder(run_dir)
-    if "evaluation" in stages and (experiment.evaluation.devices > 1 or experiment.evaluation.backend == "mjx-warp"):
-        evaluation.check_devices(experiment.evaluation)
+    special = experiment.evaluation.backend in ("mjx-warp", "pybullet") or experiment.evaluation.devices > 1
+    if "evaluation" in stages and special:
+        evaluation.check_backend(experiment)
     if not overwrite:
         refuse_other_settings(run_dir, experiment, tuple(stages))
     folder = {"beside": run_dir.absolute().parent / ".store", "none": None}[store] if isinstance(store, str) else store

@@ -29,6 +29,7 @@ HOMES = {  # where a heavy library may be imported; folders and files of the pac
     "imageio_ffmpeg": {"report"},
     "PIL": {"report"},
     "mujoco": {"robot", "simulation", "report", "benchmark"},
+    "pybullet": {"simulation"},
     "dask": {"engine"},
     "distributed": {"engine"},
 }

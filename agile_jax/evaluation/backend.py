@@ -33,18 +33,22 @@ from agile_jax.robot import (
 from agile_jax.scene import POSE_SIZE, Scene, make_scene, planar_scene, streams
 from agile_jax.settings import BadInput
 from agile_jax.simulation import (
+    BulletPhysics,
     ClosedLoop,
     Guidance,
+    HostPhysics,
     Implementation,
     MjxSlots,
     MujocoPhysics,
     MujocoSlots,
     batch_loop,
+    check_bullet,
     check_warp,
     mjx_init,
     mjx_loop,
     path_guidance,
     policy_guidance,
+    set_solver,
 )
 from agile_jax.single_precision import in_float32
 from agile_jax.training import load_policy
@@ -121,24 +125,27 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
         experiment: settings.
         parameters: from `command_parameters`.
         slots: episodes at once.
-        threads: of the C physics.
+        threads: of C MuJoCo.
 
     Raises:
-        BadInput: the devices are not there, or MJX cannot simulate the robot in this scene.
+        BadInput: the devices are not there, or MJX or PyBullet cannot simulate the robot in this scene.
     """
     settings, control, scene = experiment.evaluation, experiment.control, make_scene(experiment.scene)
     guidance, planner = _guidance(experiment, scene), _planner(experiment, scene, slots)
     robot = load_robot(experiment.robot)
-    model = build_mujoco_model(scene, experiment.robot, control.control_dt)
+    model = build_mujoco_model(scene, experiment.robot, control.control_dt / settings.substeps)
+    set_solver(model, settings.physics.integrator, settings.physics.cone)
     controller, limit = make_controller(robot, control), np.array(experiment.expert.acceleration)
     loop = ClosedLoop(scene, robot, collision_shapes(model), control, guidance, limit, controller)
     draw = _plants(experiment)
     running: MujocoSlots | MjxSlots
-    if settings.backend == "mujoco":
-        running, device = (
-            MujocoSlots(batch_loop(loop), MujocoPhysics(model, slots, threads), parameters, planner),
-            "cpu",
-        )
+    if settings.backend in ("mujoco", "pybullet"):
+        physics: HostPhysics
+        if settings.backend == "mujoco":
+            physics = MujocoPhysics(model, slots, threads, substeps=settings.substeps)
+        else:
+            physics = BulletPhysics(model, slots, substeps=settings.substeps)
+        running, device = MujocoSlots(batch_loop(loop), physics, parameters, planner), "cpu"
     else:
         devices = check_devices(settings)
         if draw is not None:  # one for all: experiment/check.py sees to it
@@ -155,6 +162,13 @@ def _plants(experiment: Experiment) -> Callable[[Int[np.ndarray, " n"]], Plant] 
         return None
     stream = experiment.seed, streams.PLANTS, experiment.evaluation.seed
     return partial(draw_plants, experiment.plant, stream)
+
+
+def check_backend(experiment: Experiment) -> None:
+    """Refuse (BadInput) what `evaluation.backend` cannot simulate here, before any work."""
+    check_devices(experiment.evaluation)
+    if experiment.evaluation.backend == "pybullet":
+        check_bullet(build_mujoco_model(make_scene(experiment.scene), experiment.robot, experiment.control.control_dt))
 
 
 def check_devices(settings: EvaluationSettings) -> int:

@@ -79,7 +79,7 @@ def _robot(experiment: "Experiment") -> Iterator[Contradiction]:
 def _plant(experiment: "Experiment") -> Iterator[Contradiction]:
     """Robots that MJX, which has one model and ideal motors, cannot simulate."""
     plant, backend = experiment.plant, experiment.evaluation.backend
-    if backend == "mujoco":
+    if backend in ("mujoco", "pybullet"):
         return
     if plant.delay != 0 or plant.no_load_speed is not None:
         yield Contradiction(

@@ -16,8 +16,8 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from agile_jax.robot import Plant
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
-from agile_jax.simulation.mjx_physics import MjxModel, mjx, mjx_reset, mjx_step
 from agile_jax.simulation.outcome import RUNNING
+from agile_jax.simulation.physics.mjx_physics import MjxModel, mjx, mjx_reset, mjx_step
 from agile_jax.simulation.plan_cycle import compiled, plan_cycle
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.streaming import Rollout

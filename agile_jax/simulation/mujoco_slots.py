@@ -1,4 +1,4 @@
-"""Closed-loop episodes in C MuJoCo: a thread pool steps the physics, one compiled call controls the whole batch."""
+"""Closed-loop episodes in a physics that the host steps: one compiled call controls the whole batch."""
 
 import dataclasses
 from collections.abc import Callable
@@ -10,9 +10,9 @@ from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from agile_jax.robot import Plant, trunk_pose
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
-from agile_jax.simulation.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.outcome import RUNNING
 from agile_jax.simulation.paths import PathPlanner, TimedPath
+from agile_jax.simulation.physics.host_physics import HostPhysics
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.streaming import Rollout
@@ -48,14 +48,14 @@ def batch_loop(loop: ClosedLoop) -> BatchLoop:
 
 
 class MujocoSlots:
-    """Slots in C MuJoCo. One advance is one plan and the control steps until the next."""
+    """Slots in C MuJoCo or PyBullet. One advance is one plan and the control steps until the next."""
 
     plans_per_advance = 1
 
     def __init__(
         self,
         loop: BatchLoop,
-        physics: MujocoPhysics,
+        physics: HostPhysics,
         parameters: PyTree,
         planner: PathPlanner | None = None,
     ) -> None:

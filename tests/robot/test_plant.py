@@ -7,7 +7,7 @@ from agile_jax.experiment import Experiment
 from agile_jax.robot import PlantSettings, RobotSettings, available_torque, build_mujoco_model, draw_plants, plant_model
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics
-from agile_jax.simulation.actuators import Actuators
+from agile_jax.simulation.physics.actuators import Actuators
 
 MODEL = build_mujoco_model(make_scene(SceneSettings()), RobotSettings(), 0.002)
 VARIED = PlantSettings(

@@ -9,8 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from agile_jax.simulation.mjx_physics import mjx_init, mjx_reset, mjx_step
-from agile_jax.simulation.mujoco_physics import MujocoPhysics
+from agile_jax.simulation.physics.mjx_physics import mjx_init, mjx_reset, mjx_step
+from agile_jax.simulation.physics.mujoco_physics import MujocoPhysics
 from agile_jax.simulation.sensed import contact_flags, touch_slots
 
 STATES = 24
@@ -78,7 +78,10 @@ def test_a_bad_torque_makes_the_state_bad_for_good(recorded, step):
 
 def test_importing_prints_nothing():
     result = subprocess.run(
-        [sys.executable, "-c", "import agile_jax.simulation.mjx_physics"], capture_output=True, text=True, check=True
+        [sys.executable, "-c", "import agile_jax.simulation.physics.mjx_physics"],
+        capture_output=True,
+        text=True,
+        check=True,
     )
     assert result.stdout == ""
     assert result.stderr == ""

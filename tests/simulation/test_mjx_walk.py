@@ -13,7 +13,7 @@ from agile_jax.control import ControlSettings, make_controller
 from agile_jax.robot import RobotSettings, build_mujoco_model, load_robot, standing_qpos
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics
-from agile_jax.simulation.mjx_physics import mjx_init, mjx_reset, mjx_step
+from agile_jax.simulation.physics.mjx_physics import mjx_init, mjx_reset, mjx_step
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
 from agile_jax.single_precision import as_float32
 

@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 from agile_jax.settings import BadInput
-from agile_jax.simulation.mujoco_physics import MujocoPhysics
+from agile_jax.simulation.physics.mujoco_physics import MujocoPhysics
 
 
 def run(model, starts, law, steps, threads=1):
