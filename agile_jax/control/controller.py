@@ -23,14 +23,15 @@ from agile_jax.control.mpc.solver import cascade
 from agile_jax.control.rest import at_rest, planar_speed
 from agile_jax.control.scaling import scaled_to
 from agile_jax.control.settings import CONTROLLERS, ControlSettings
-from agile_jax.control.swing import folded_leg
 from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import (
     GRAVITY,
+    LEAST_LIFT,
     RobotModel,
     RobotState,
     StrideTable,
     composite_inertia,
+    hip_to_foot,
     leg_forward_kinematics,
     longest_stride,
     stride_table,
@@ -79,6 +80,7 @@ class MpcController:
     nominal_feet: Float[np.ndarray, "4 2"]  # the feet under their hips, in the plane of the trunk [m]
     leg_inertia: Float[np.ndarray, "4 3 3"]  # of the joints at the home posture [kg m^2]
     knee_limit_height: float  # of the trunk at which the knees reach their limits [m]
+    least_lift: float  # of a step [m]
     strides: StrideTable  # how far the feet may be from their hips, by the height of the trunk
 
     @in_float32
@@ -154,7 +156,7 @@ class MpcController:
         by_clock = gait.scheduled(settings.gait, clock)
         lift_off = jnp.where(by_clock[:, None], feet_world, state.lift_off_world)
         # A foot that landed early follows its path until the next plan gives it a force.
-        bears = gait.standing(settings.gait, clock) & (by_clock | (state.forces_world[:, 2] > 0))
+        bears = clock.landed & (by_clock | (state.forces_world[:, 2] > 0))
         wanted = torques.whole_body_torque(
             robot,
             settings,
@@ -207,7 +209,7 @@ class MpcController:
         return torques.SwingTarget(
             lift_off,
             state.foothold_world,
-            gait.step_height(settings, speed, robot_state.base_pos[2] - self.knee_limit_height),
+            gait.step_height(settings, speed, robot_state.base_pos[2] - self.knee_limit_height, self.least_lift),
             gait.swing_progress(settings, clock),
             gait.swing_duration(settings, clock),
             jnp.minimum(REACH_SPEED * late, REACH_DEPTH),
@@ -250,6 +252,7 @@ def make_mpc_controller(robot: RobotModel, settings: ControlSettings) -> MpcCont
             cascade.make_solver(constants, settings.mpc),
             robot.hip_pos_base[:, :2] + np.stack([np.zeros(4), robot.abad_offset], -1),
             torques.leg_inertia(robot, np.asarray(robot.home_joint_pos, np.float32)),
-            folded_leg(robot) + robot.foot_radius,
+            hip_to_foot(robot, robot.joint_lower[2]) + robot.foot_radius,
+            LEAST_LIFT * (robot.thigh_length + robot.calf_length),
             stride_table(robot),
         )

@@ -17,7 +17,6 @@ from agile_jax.control.settings import GaitSettings
 TROT_OFFSETS = (0.0, 0.5, 0.5, 0.0)  # FR, FL, RR, RL, as fractions of the period
 WALK_SHIFT = (0.0, 0.0, -0.25, -0.25)
 BLEND_TIME = 1.0  # from trot to walk or back [s]
-GRACE = 0.05  # a foot that is late gets its planned force that long, which brings it down [s]
 
 
 class Gait(NamedTuple):
@@ -57,23 +56,21 @@ def scheduled(settings: GaitSettings, gait: Gait) -> Bool[Array, "4"]:
     return leg_phase(gait, gait.phase) < duty(settings, gait)
 
 
-def standing(settings: GaitSettings, gait: Gait) -> Bool[Array, "4"]:
-    """Which feet stand: those that have landed, even early, and those that are hardly late."""
-    phase = leg_phase(gait, gait.phase)
-    return gait.landed | ((phase < duty(settings, gait)) & (phase * gait.period < GRACE))
+def late(settings: GaitSettings, gait: Gait) -> Bool[Array, "4"]:
+    """Which feet are still in the air and should stand by the clock."""
+    return scheduled(settings, gait) & ~gait.landed
 
 
 def late_by(settings: GaitSettings, gait: Gait) -> Float[Array, "4"]:
-    """How long ago a foot that is still in the air should have landed, beyond the grace; else 0 [s]."""
-    waited = leg_phase(gait, gait.phase) * gait.period - GRACE
-    return jnp.where(scheduled(settings, gait) & ~standing(settings, gait), waited, 0.0)
+    """How long ago each foot that is late should have landed; else 0 [s]."""
+    return jnp.where(late(settings, gait), leg_phase(gait, gait.phase) * gait.period, 0.0)
 
 
 def swing_progress(settings: GaitSettings, gait: Gait) -> Float[Array, "4"]:
     """Progress of each swing in [0, 1]; 0 while the foot stands by the clock, and 1 while it is late."""
     stands = duty(settings, gait)
     progress = jnp.clip((leg_phase(gait, gait.phase) - stands) / (1 - stands), 0.0, 1.0)
-    return jnp.where(late_by(settings, gait) > 0, 1.0, progress)
+    return jnp.where(late(settings, gait), 1.0, progress)
 
 
 def time_to_touch_down(gait: Gait) -> Float[Array, "4"]:
@@ -103,10 +100,9 @@ def _phase_after(settings: GaitSettings, gait: Gait, elapsed: jax.Array) -> jax.
 def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: Float[Array, " N"]) -> Bool[Array, "N 4"]:
     """Which feet will stand after the given times [s]: by the clock, corrected by what they touch now."""
     by_clock = leg_phase(gait, _phase_after(settings, gait, elapsed)) < duty(settings, gait)
-    now = standing(settings, gait)
-    early = now & ~scheduled(settings, gait) & (elapsed[:, None] < time_to_touch_down(gait))
-    late = (late_by(settings, gait) > 0) & (jnp.arange(len(elapsed)) == 0)[:, None]
-    return (by_clock | early) & ~late
+    early = gait.landed & ~scheduled(settings, gait) & (elapsed[:, None] < time_to_touch_down(gait))
+    missing = late(settings, gait) & (jnp.arange(len(elapsed)) == 0)[:, None]
+    return (by_clock | early) & ~missing
 
 
 def landings_ahead(settings: GaitSettings, gait: Gait, elapsed: Float[Array, " N"]) -> Int[Array, "N 4"]:
@@ -159,14 +155,17 @@ def schedule(
     return gait._replace(walk=walk, period=period, stand=at_rest)
 
 
-def step_height(settings: GaitSettings, speed: Float[Array, ""], headroom: Float[Array, ""]) -> Float[Array, ""]:
+def step_height(
+    settings: GaitSettings, speed: Float[Array, ""], headroom: Float[Array, ""], least: float
+) -> Float[Array, ""]:
     """Lift of a swinging foot [m]: higher when fast, and at most its share of what the knee's limit leaves.
 
     Args:
         settings: of the gait.
         speed: of the body in the plane [m/s].
         headroom: lift at which the knee reaches its limit [m].
+        least: lift that takes a foot off the floor at all [m].
     """
     share = jnp.clip(speed / settings.full_speed, 0.0, 1.0)
     lift = settings.slow_step_height + (settings.step_height - settings.slow_step_height) * share
-    return jnp.clip(settings.headroom_fraction * headroom, 0.01, lift)
+    return jnp.clip(settings.headroom_fraction * headroom, least, lift)

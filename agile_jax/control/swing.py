@@ -2,15 +2,6 @@
 
 import jax
 import jax.numpy as jnp
-import numpy as np
-
-from agile_jax.robot import RobotModel
-
-
-def folded_leg(robot: RobotModel) -> float:
-    """Shortest distance from hip to foot, the knee at its limit [m]."""
-    l1, l2, knee = robot.thigh_length, robot.calf_length, robot.joint_lower[2]
-    return float(np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * np.cos(knee)))
 
 
 def swing_path(

@@ -49,7 +49,9 @@ from .plant import (
 )
 from .settings import PlantSettings as PlantSettings, RobotSettings as RobotSettings
 from .stride import (
+    LEAST_LIFT as LEAST_LIFT,
     StrideTable as StrideTable,
+    hip_to_foot as hip_to_foot,
     longest_stride as longest_stride,
     lowest_height as lowest_height,
     overshoot as overshoot,

@@ -22,6 +22,7 @@ from agile_jax.robot.model import RobotModel
 
 FLOOR_CLEARANCE = 0.05  # that the thighs keep from the floor, over leg length; 10 mm in an A1
 LEAST_LIFT = 0.02  # of a step over leg length; 8 mm in an A1
+HEIGHT_ERROR = 0.015  # of the trunk that the folded knees leave room for, over leg length; 6 mm in an A1
 HEIGHTS, PLACES = 121, 801  # resolution of the table
 
 
@@ -61,16 +62,17 @@ def overshoot(duty: Float[AnyArray, ""] | float, xp: ModuleType = np) -> Float[A
 
 
 def lowest_height(robot: RobotModel) -> float:
-    """The lowest trunk at which a foot under its hip can still be lifted [m]."""
+    """The lowest trunk whose feet can be lifted under their hips, before the knees reach their limits [m]."""
     length = robot.thigh_length + robot.calf_length
-    folded = _hip_to_foot(robot, robot.joint_lower[2])
-    return max(folded + robot.foot_radius + LEAST_LIFT * length, robot.shape.trunk_bottom + FLOOR_CLEARANCE * length)
+    folded = hip_to_foot(robot, robot.joint_lower[2])
+    step = folded + robot.foot_radius + (LEAST_LIFT + HEIGHT_ERROR) * length
+    return max(step, robot.shape.trunk_bottom + FLOOR_CLEARANCE * length)
 
 
 def stride_table(robot: RobotModel) -> StrideTable:
     """The window at heights from the lowest to that of legs that are nearly straight, or as straight as they get."""
     length = robot.thigh_length + robot.calf_length
-    straight = 0.98 * _hip_to_foot(robot, robot.joint_upper[2])
+    straight = 0.98 * hip_to_foot(robot, robot.joint_upper[2])
     heights = np.linspace(lowest_height(robot), straight + robot.foot_radius, HEIGHTS)
     x = np.linspace(-length, length, PLACES)
     allowed = allowed_places(robot, heights[:, None], x)
@@ -114,6 +116,7 @@ def _highest(points: np.ndarray, angle: np.ndarray) -> np.ndarray:
     return (z * np.cos(angle)[..., None] - x * np.sin(angle)[..., None] + radius).max(-1)
 
 
-def _hip_to_foot(robot: RobotModel, knee: float) -> float:
+def hip_to_foot(robot: RobotModel, knee: float) -> float:
+    """Distance from hip to foot at an angle of the knee [m]."""
     l1, l2 = robot.thigh_length, robot.calf_length
     return float(np.sqrt(l1**2 + l2**2 + 2 * l1 * l2 * np.cos(knee)))

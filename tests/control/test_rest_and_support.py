@@ -68,7 +68,7 @@ def test_feet_stand_where_they_are_then_on_their_footholds_then_a_stride_further
     elapsed = jnp.array([0.0, clock.period, 2 * clock.period])
     reference = still(velocity=(0.8, 0.1, 0.0, 0.0))
     support = np.array(plan_support(SETTINGS.gait, clock, elapsed, feet, footholds, reference))
-    standing = np.array(gait.standing(SETTINGS.gait, clock))
+    standing = np.array(clock.landed)
     assert standing.sum() == 2
     np.testing.assert_array_equal(support[0], np.where(standing[:, None], feet, footholds))
     stride = np.array([0.8, 0.1, 0.0]) * float(clock.period)
