@@ -47,11 +47,14 @@ def remove_torn(folder: pathlib.Path) -> None:
 
 
 def check_folder(folder: pathlib.Path) -> None:
-    """Refuse a folder whose path is not UTF-8 (BadInput): the library of the checkpoints could not write there."""
+    """Refuse (BadInput) a folder that leads through a file, or whose path is not UTF-8, where Orbax could not write."""
     try:
         str(folder.resolve()).encode()
     except UnicodeEncodeError:
         raise BadInput(f"{str(folder)!r}: is not UTF-8 text; use another folder") from None
+    for path in (folder, *folder.parents):
+        if path.exists() and not path.is_dir():
+            raise BadInput(f"{path}: is a file, where a folder is needed; use another folder")
 
 
 def sync_folder(folder: pathlib.Path) -> None:

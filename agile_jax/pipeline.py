@@ -90,6 +90,8 @@ def run(
     if not overwrite:
         refuse_other_settings(run_dir, experiment, tuple(stages))
     folder = {"beside": run_dir.absolute().parent / ".store", "none": None}[store] if isinstance(store, str) else store
+    if folder is not None:
+        check_folder(folder)
     open_workers, results = partial(open_engine, engine, workers), {}
     with locked(run_dir) as check_held, sharing(folder):
         remove_torn(run_dir)

@@ -8,7 +8,8 @@ import time
 
 import pytest
 
-from agile_jax.files import remove_torn, temporary_name, write_atomic
+from agile_jax.files import check_folder, read_json, remove_torn, temporary_name, write_atomic
+from agile_jax.settings import BadInput
 
 
 def test_a_failed_write_keeps_the_old_file_and_leaves_nothing(tmp_path: pathlib.Path) -> None:
@@ -39,3 +40,19 @@ def test_what_a_kill_leaves_is_removed_and_nothing_else(tmp_path: pathlib.Path) 
     left = {path for path in tmp_path.rglob("*") if path.is_file()}
     assert left - {tmp_path / "sub/a.bin"} == theirs
     assert not (tmp_path / "sub/a.bin").exists() or (tmp_path / "sub/a.bin").stat().st_size == 30_000_000
+
+
+def test_a_folder_that_leads_through_a_file_is_refused(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "file").touch()
+    for folder in (tmp_path / "file", tmp_path / "file/below"):
+        with pytest.raises(BadInput, match=r"file: is a file, where a folder is needed"):
+            check_folder(folder)
+    check_folder(tmp_path / "new/below")
+
+
+def test_a_folder_in_a_files_place_is_named(tmp_path: pathlib.Path) -> None:
+    (tmp_path / "a.json").mkdir()
+    assert read_json(tmp_path / "a.json") is None
+    with pytest.raises(IsADirectoryError, match=r"a folder where a file belongs.*a\.json"):
+        write_atomic(tmp_path / "a.json", b"{}")
+    assert [path.name for path in tmp_path.iterdir()] == ["a.json"]

@@ -13,7 +13,7 @@ from agile_jax.files import read_json, sha256
 from agile_jax.geometry import GOLDEN
 from agile_jax.scene import POSE_SIZE, streams
 from agile_jax.settings import BadInput
-from agile_jax.store.npz import Arrays, read_npz
+from agile_jax.store.npz import Arrays, read_keyed
 
 Split = Literal["train", "validation", "test"]
 SPLITS: tuple[Split, ...] = ("train", "validation", "test")
@@ -66,9 +66,7 @@ def load(directory: pathlib.Path | str) -> Dataset:
             data = (directory / name).read_bytes()
             if sha256(data) != digest:
                 raise ValueError("its sha256 is not the manifest's")
-            arrays = read_npz(data)
-            if str(arrays.pop("key", "")) != key:
-                raise ValueError("made with other settings or another seed")
+            arrays = read_keyed(data, key)
             check_shard(arrays)
         except (OSError, ValueError) as error:
             raise BadInput(f"{directory / name}: {error}; the command that made it repairs it") from None

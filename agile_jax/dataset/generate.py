@@ -27,7 +27,7 @@ from agile_jax.progress import Progress, silent
 from agile_jax.scene import make_scene
 from agile_jax.settings import BadInput
 from agile_jax.store.artefact import ELSEWHERE, LABELS, covered, differences
-from agile_jax.store.npz import NpzError, read_npz
+from agile_jax.store.npz import NpzError, read_keyed, read_npz
 from agile_jax.store.parts import OpenEngine, PartFile, Parts, complete, set_aside
 
 UNITS = {
@@ -179,8 +179,7 @@ def _tidy(directory: pathlib.Path, labels: Parts) -> dict[str, str]:
         elif path.match("shard-*.npz") and path.name not in known:
             data = path.read_bytes()
             try:
-                if str(read_npz(data).get("key")) != labels.key:
-                    raise NpzError("it does not belong to this dataset")
+                read_keyed(data, labels.key)
                 beyond[path.name] = sha256(data)
             except NpzError as error:
                 set_aside(path, str(error))

@@ -21,7 +21,7 @@ from agile_jax.evaluation.traces import load_traces, save_traces
 from agile_jax.files import read_json, write_atomic, write_json
 from agile_jax.settings import BadInput
 from agile_jax.simulation import Trace
-from agile_jax.store.npz import NpzError, read_npz, write_npz
+from agile_jax.store.npz import NpzError, keyed_bytes, read_keyed, write_npz
 
 Columns = dict[str, Shaped[np.ndarray, "_ ..."]]  # one entry an episode
 
@@ -55,7 +55,7 @@ class KeptEvaluation:
         """Keep episodes; those that are there already stay as they are."""
         path = self.folder / f"episodes-{rows['episode'].min():06d}.npz"
         there = self._read(path)
-        write_npz(path, {"key": np.array(self.key), **joined([rows] if there is None else [there, rows])})
+        write_atomic(path, keyed_bytes(self.key, joined([rows] if there is None else [there, rows])))
 
     def trace(self, episode: int) -> Trace | None:
         """A recorded episode; None when it is not there or damaged."""
@@ -112,10 +112,9 @@ class KeptEvaluation:
 
     def _read(self, path: pathlib.Path) -> Columns | None:
         try:
-            rows = read_npz(path)
+            return read_keyed(path, self.key)
         except NpzError:
             return None
-        return rows if str(rows.pop("key", "")) == self.key else None
 
 
 def joined(parts: Sequence[Columns]) -> Columns:

@@ -54,6 +54,23 @@ def read_npz(source: pathlib.Path | bytes) -> Arrays:
         raise NpzError(f"unreadable ({type(error).__name__}: {' '.join(str(error).split())})") from None
 
 
+def keyed_bytes(key: str, rows: Mapping[str, np.ndarray]) -> bytes:
+    """An npz file of rows with the key that they were made under (store/artefact.py)."""
+    return npz_bytes({"key": np.array(key), **rows})
+
+
+def read_keyed(source: pathlib.Path | bytes, key: str) -> Arrays:
+    """The rows of a file of `keyed_bytes`, without the key.
+
+    Raises:
+        NpzError: as `read_npz`, or they were made under another key.
+    """
+    rows = read_npz(source)
+    if str(rows.pop("key", "")) != key:
+        raise NpzError("made with other settings or another seed")
+    return rows
+
+
 def load_npz(path: pathlib.Path, needed: Iterable[str] = ()) -> Arrays:
     """All arrays of a file that somebody has named, or that a stage has made.
 

@@ -22,7 +22,7 @@ from agile_jax.engine import Engine, TaskFailure, TasksFailedError
 from agile_jax.files import hash_json, read_json, sha256, sync_folder, write_atomic, write_json
 from agile_jax.progress import Progress, silent
 from agile_jax.store import shared
-from agile_jax.store.npz import Arrays, npz_bytes, read_npz
+from agile_jax.store.npz import Arrays, keyed_bytes, read_keyed
 
 Task = TypeVar("Task")
 OpenEngine = Callable[[], AbstractContextManager[Engine]]
@@ -139,7 +139,7 @@ class Parts:
         count = len(file.rows[self._item_name])
         if np.array_equal(file.wanted, np.arange(count)):
             return file.sha256
-        return sha256(npz_bytes({"key": np.array(self.key), **file.chosen()}))
+        return sha256(keyed_bytes(self.key, file.chosen()))
 
     def _members(self, part: int) -> Shaped[np.ndarray, " k"]:
         return self.items[part * self.size : (part + 1) * self.size]
@@ -188,7 +188,7 @@ class Parts:
         name = self.file_name(part)
         if note:
             self.notes[name] = _sum(self.notes.get(name, {}) if there is not None else {}, note)
-        data = npz_bytes({"key": np.array(self.key), **rows})
+        data = keyed_bytes(self.key, rows)
         write_atomic(self.folder / name, data)
         if note:
             write_json(self.folder / "timing.json", {"key": self.key, "parts": self.notes})
@@ -204,9 +204,7 @@ class Parts:
 
     def _sound(self, data: bytes) -> Arrays:
         """The rows in a file's bytes; ValueError says why they are not used."""
-        rows = read_npz(data)
-        if str(rows.pop("key", "")) != self.key:
-            raise ValueError("made with other settings or another seed")
+        rows = read_keyed(data, self.key)
         items = rows.get(self._item_name)
         if items is None or items.ndim != 1 or items.dtype.kind != self.items.dtype.kind:
             raise ValueError(f"array {self._item_name} is missing or of another kind")
