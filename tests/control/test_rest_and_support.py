@@ -80,11 +80,11 @@ def test_feet_stand_where_they_are_then_on_their_footholds_then_a_stride_further
 def test_footholds_of_a_robot_that_marches_in_place_are_under_its_hips(yaw: float):
     pose = np.array([0.0, 0.0, 0.27, yaw], np.float32)
     state = robot_state(jnp.asarray(standing_qpos(ROBOT, pose), jnp.float32), jnp.zeros(18))
-    clock, reference = swinging(), still(pose)
+    clock, reference, window = swinging(), still(pose), jnp.array([-0.2, 0.2])
 
     @jax.jit
     def footholds() -> jax.Array:
-        return plan_footholds(ROBOT, SETTINGS, NOMINAL, clock, state, measure(ROBOT, state), reference)
+        return plan_footholds(ROBOT, SETTINGS, window, NOMINAL, clock, state, measure(ROBOT, state), reference)
 
     found = np.array(footholds())
     turn = np.array([[np.cos(yaw), -np.sin(yaw)], [np.sin(yaw), np.cos(yaw)]])
