@@ -88,7 +88,7 @@ def test_imports_point_left(path: pathlib.Path) -> None:
         assert others <= LEAVES | {"sweep"}
     elif mine == "experiment" and path.name != "check.py":  # composes settings, and nothing else of a stage
         of_stages = {name for name in imported(path) if name.startswith("agile_jax.") and name.split(".")[1] in STAGES}
-        checks = {"agile_jax.robot.envelope", "agile_jax.expert.feasible_poses"}
+        checks = {"agile_jax.robot.envelope", "agile_jax.expert.feasible_poses", "agile_jax.control.top_speed"}
         assert all(name.endswith(".settings") or name in checks for name in of_stages)
     elif mine != "cli":
         assert "cli" not in others

@@ -8,8 +8,15 @@ import numpy as np
 
 from agile_jax import report
 from agile_jax.experiment import Experiment, load_experiment
-from agile_jax.expert import ExpertSettings, ExpertSolution, check_start, check_target, make_expert
-from agile_jax.scene import Scene, SceneSettings, make_scene
+from agile_jax.expert import (
+    ExpertSettings,
+    ExpertSolution,
+    check_start,
+    check_target,
+    lowest_underside,
+    make_expert,
+)
+from agile_jax.scene import Scene, SceneSettings, make_scene, top_speed
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -18,16 +25,32 @@ Pose = Sequence[float] | np.ndarray  # [x, y, z, yaw] [m, rad]
 
 
 class SolvedPath(ExpertSolution):
-    """The expert's answer for one start, together with the scene that it was found in."""
+    """The expert's answer for one start, together with the scene and the settings that it was found with."""
 
     scene: Scene
+    settings: ExpertSettings
 
     @classmethod
-    def of(cls, solution: ExpertSolution, scene: Scene) -> "SolvedPath":
-        """The same solution, with its scene."""
+    def of(cls, solution: ExpertSolution, scene: Scene, settings: ExpertSettings) -> "SolvedPath":
+        """The same solution, with its scene and settings."""
         path = cls(*solution)
-        path.scene = scene
+        path.scene, path.settings = scene, settings
         return path
+
+    @property
+    def lowest_underside(self) -> float:
+        """The lowest underside that a plan in this scene could lead under [m]."""
+        return lowest_underside(self.scene, self.settings)
+
+    @property
+    def lowest_height(self) -> float:
+        """The lowest height of the path's nodes [m]."""
+        return float(self.trajectory.states[:, 2].min())
+
+    @property
+    def top_speed(self) -> float:
+        """How fast the robot may be along an axis of the plane at the lowest height of the path [m/s]."""
+        return min(max(self.settings.velocity[:2]), float(top_speed(self.scene, self.lowest_height)))
 
     def plot(self, ax: "Axes | None" = None) -> "Axes":
         """Draw the path and the scene from above; without `ax` on a new figure, `ax.figure`.
@@ -82,4 +105,4 @@ def solve(
         scene = scene._replace(target=np.array(target, float))
     check_start(scene, settings, pose)
     check_target(scene, settings)
-    return SolvedPath.of(make_expert(scene, settings).solve(pose, initial_velocity="rest"), scene)
+    return SolvedPath.of(make_expert(scene, settings).solve(pose, initial_velocity="rest"), scene, settings)

@@ -171,6 +171,8 @@ def plan(argv: list[str]) -> int:
     print(f"branch        {solution.branch}")
     if math.isfinite(solution.min_clearance):
         print(f"clearance     {solution.min_clearance:.4f} m at the least")
+    print(f"passes under  {solution.lowest_underside:.3f} m at the least, as low as it can crouch with its margin")
+    print(f"top speed     {solution.top_speed:.2f} m/s at {solution.lowest_height:.3f} m, the lowest of the path")
     print(f"solved in     {1000 * solution.solve_time_s:.0f} ms")
     if options.output is not None:
         print(f"drawing       {options.output}")

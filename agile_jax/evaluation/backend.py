@@ -49,6 +49,7 @@ from agile_jax.simulation import (
     path_guidance,
     policy_guidance,
     set_solver,
+    slowed,
 )
 from agile_jax.single_precision import in_float32
 from agile_jax.training import load_policy
@@ -131,7 +132,7 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
         BadInput: the devices are not there, or MJX or PyBullet cannot simulate the robot in this scene.
     """
     settings, control, scene = experiment.evaluation, experiment.control, make_scene(experiment.scene)
-    guidance, planner = _guidance(experiment, scene), _planner(experiment, scene, slots)
+    guidance, planner = slowed(_guidance(experiment, scene), scene), _planner(experiment, scene, slots)
     robot = load_robot(experiment.robot)
     model = build_mujoco_model(scene, experiment.robot, control.control_dt / settings.substeps)
     set_solver(model, settings.physics.integrator, settings.physics.cone)

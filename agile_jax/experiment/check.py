@@ -34,9 +34,16 @@ class ContradictionsError(ValueError):
         self.found = found
 
 
-def check(experiment: "Experiment") -> None:
-    """Raise ContradictionsError with all that is wrong across stages."""
-    found = [*_poses(experiment), *_robot(experiment), *_plant(experiment), *_policy(experiment), *_sweep(experiment)]
+def check(experiment: "Experiment", found: list[Contradiction]) -> None:
+    """Raise ContradictionsError with what has been `found` already, and all else that is wrong across stages."""
+    found = [
+        *found,
+        *_poses(experiment),
+        *_robot(experiment),
+        *_plant(experiment),
+        *_policy(experiment),
+        *_sweep(experiment),
+    ]
     if found:
         raise ContradictionsError(found)
 

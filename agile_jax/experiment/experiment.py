@@ -15,7 +15,8 @@ from pydantic import Field, field_validator, model_validator
 from agile_jax.control.settings import AnyControl, ControlSettings
 from agile_jax.dataset.settings import DatasetSettings
 from agile_jax.evaluation.settings import EvaluationSettings
-from agile_jax.experiment.check import check
+from agile_jax.experiment.check import Contradiction, ContradictionsError, check
+from agile_jax.experiment.crouch import with_crouch
 from agile_jax.experiment.file import Table, origin, override, read_table
 from agile_jax.experiment.moved import moved
 from agile_jax.experiment.robot_path import resolve_robot_paths
@@ -82,7 +83,12 @@ class Experiment(Settings):
 
     @model_validator(mode="after")
     def _stages_agree(self) -> "Experiment":
-        check(self)
+        fastest, found = max(self.expert.velocity[:2]), list[Contradiction]()
+        try:
+            object.__setattr__(self, "scene", with_crouch(self.scene, fastest, self.robot, self.control))
+        except ContradictionsError as error:
+            found = error.found
+        check(self, found)
         return self
 
 

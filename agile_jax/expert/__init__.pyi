@@ -5,6 +5,7 @@ from .feasible_poses import (
     check_start as check_start,
     check_target as check_target,
     check_targets as check_targets,
+    lowest_underside as lowest_underside,
     pose_errors as pose_errors,
 )
 from .kinds import make_expert as make_expert

@@ -50,6 +50,11 @@ def check_target(scene: Scene, settings: ExpertSettings, target: PoseLike | None
         raise BadInput("\n".join(errors))
 
 
+def lowest_underside(scene: Scene, settings: ExpertSettings) -> float:
+    """The lowest underside of an obstacle that a plan leads under [m]."""
+    return float(scene.lower[2] + scene.torso_half_size[2] + settings.clearance_margin)
+
+
 def check_targets(scene: Scene, settings: ExpertSettings, targets: Sequence[Pose]) -> None:
     """`check_target` for the scene's target and for each of `targets`, where labels lead to others."""
     check_target(scene, settings)

@@ -72,6 +72,21 @@ def dense_poses(trajectory: Trajectory, points: int = DENSE, scheme: str | None 
     return np.concatenate([inside.reshape(-1, POSE_SIZE), trajectory.states[-1:, :POSE_SIZE]])
 
 
+def dense_rates(trajectory: Trajectory, points: int = DENSE, scheme: str | None = None) -> Float[np.ndarray, "n 4"]:
+    """Rates at the times of `dense_poses` [m/s, rad/s]."""
+    steps = np.diff(trajectory.times)[:, None, None]
+    share = (np.arange(points + 1) / (points + 1))[None, :, None]
+    rates, controls = trajectory.states[:, POSE_SIZE:], trajectory.controls
+    if len(controls) == len(steps):
+        inside = rates[:-1, None] + share * steps * controls[:, None]
+    elif scheme == "trapezoidal":
+        inside = (1 - share) * rates[:-1, None] + share * rates[1:, None]
+    else:
+        here, there = controls[:-1, None], controls[1:, None]
+        inside = rates[:-1, None] + share * steps * (here + share / 2 * (there - here))
+    return np.concatenate([inside.reshape(-1, POSE_SIZE), rates[-1:]])
+
+
 def least_clearance(scene: Scene, poses: Float[np.ndarray, "n 4"], every: int = DENSE + 1) -> float:
     """Exact least clearance over poses [m]; infinity without obstacles.
 
@@ -107,6 +122,20 @@ def rate_excess(trajectory: Trajectory, settings: ExpertSettings) -> float:
     if settings.velocity_bound == "planar_norm":
         excess = max(excess, float(np.hypot(*(rates[:, :2] / velocity[:2]).T).max()) - 1.0)
     return excess
+
+
+def stride_excess(scene: Scene, trajectory: Trajectory, scheme: str) -> float:
+    """By how much a horizontal rate exceeds the top speed at its height, at or between nodes [m/s]; minus infinity
+    where there is none. The top speed is interpolated, and goes on beyond the heights that are given."""
+    heights, speeds = scene.speed_heights, scene.speed_limits
+    if len(heights) == 0:
+        return -np.inf
+    z = dense_poses(trajectory, scheme=scheme)[:, 2]
+    allowed = np.interp(z, heights, speeds)
+    for end, beyond in (((0, 1), z < heights[0]), ((-2, -1), z > heights[-1])):
+        (z0, z1), (v0, v1) = heights[list(end)], speeds[list(end)]
+        allowed = np.where(beyond, v0 + (z - z0) * (v1 - v0) / (z1 - z0), allowed)
+    return float((np.abs(dense_rates(trajectory, scheme=scheme)[:, :2]).max(1) - allowed).max())
 
 
 def verify(
@@ -152,7 +181,12 @@ def verify(
         dynamics_residual=defect if exact else float(np.abs(integrate(trajectory, scheme) - states).max()),
         integration_defect=defect,
         end_residual=float(max(np.abs(end).max() for end in ends)),
-        bound_violation=max(0.0, rate_excess(trajectory, settings), *(float(e.max()) for e in excess)),
+        bound_violation=max(
+            0.0,
+            rate_excess(trajectory, settings),
+            stride_excess(scene, trajectory, scheme),
+            *(float(e.max()) for e in excess),
+        ),
         clearance_violation=max(0.0, settings.clearance_margin - nearest),
         min_clearance=nearest,
     )

@@ -57,8 +57,9 @@ class FeedbackLaw(Policy):
         pose, velocity = in_precision_of(parameters, pose), in_precision_of(parameters, velocity)
         bound = self.limits.acceleration
         wanted = self.output(parameters, self.encode(jnp.concatenate([pose, velocity])))
-        result = self.limited(velocity + jnp.clip(wanted, -bound, bound) * dt)
-        return self.filtered(pose + velocity * dt, result) if self.settings.field_filter else result
+        after = pose + velocity * dt
+        result = self.limited(after, velocity + jnp.clip(wanted, -bound, bound) * dt)
+        return self.filtered(after, result) if self.settings.field_filter else result
 
     def velocity_from_rest(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
         """The velocity [m/s, rad/s] after a second of the acceleration from rest at the pose [m, rad]."""

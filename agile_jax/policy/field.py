@@ -15,7 +15,8 @@ vanishes with the error to the power of two, the law only to the power of one: a
 whatever the network says, so that there is one equilibrium there, at the target, and it is stable. Far away the
 network has the authority to turn the field round and along obstacles.
 
-Both are then limited to the velocity bounds (direction kept); the residual field also, with `field_filter`, to speeds
+Both are then limited to the velocity bounds and to the top speed at the height (direction kept); the residual field
+also, with `field_filter`, to speeds
 that can be braked before an obstacle.
 """
 
@@ -66,7 +67,8 @@ class PlainField(Field):
 
     def velocity(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
         """The velocity [m/s, rad/s] at a pose [m, rad], within its bounds."""
-        return self.limited(self.output(parameters, self.encode(in_precision_of(parameters, pose))))
+        pose = in_precision_of(parameters, pose)
+        return self.limited(pose, self.output(parameters, self.encode(pose)))
 
 
 class ResidualField(Field):
@@ -87,5 +89,5 @@ class ResidualField(Field):
     def velocity(self, parameters: PolicyParameters, pose: Float[AnyArray, "4"]) -> Float[Array, "4"]:
         """The velocity [m/s, rad/s] at a pose [m, rad], within limits and filter."""
         pose = in_precision_of(parameters, pose)
-        result = self.limited(self.output(parameters, self.encode(pose)))
+        result = self.limited(pose, self.output(parameters, self.encode(pose)))
         return self.filtered(pose, result) if self.settings.field_filter else result

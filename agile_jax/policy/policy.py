@@ -18,7 +18,7 @@ from agile_jax.policy.features import natural_range
 from agile_jax.policy.network import MLP, Initialisation, Normalization, PolicyParameters, fit_normalization
 from agile_jax.policy.settings import PolicySettings
 from agile_jax.policy.speed_filter import brake_before_bounds, brake_before_obstacles, within_limits
-from agile_jax.scene import POSE_SIZE, Scene
+from agile_jax.scene import POSE_SIZE, Scene, within_top_speed
 from agile_jax.single_precision import in_single_precision
 
 Learns = Literal["velocity", "acceleration"]
@@ -118,15 +118,15 @@ class Policy(abc.ABC):
         mean, std, _ = parameters.normalization
         return self.network.apply(parameters.network, (features - mean) / std)
 
-    def limited(self, velocity: Float[Array, "4"]) -> Float[Array, "4"]:
-        """The velocity within its bounds [m/s, rad/s]."""
-        return within_limits(velocity, self.limits.velocity)
+    def limited(self, pose: Float[Array, "4"], velocity: Float[Array, "4"]) -> Float[Array, "4"]:
+        """The velocity [m/s, rad/s] within its bounds at a pose [m, rad]."""
+        return within_top_speed(self.scene, pose[2], within_limits(velocity, self.limits.velocity), jnp)
 
     def filtered(self, pose: Float[Array, "4"], velocity: Float[Array, "4"]) -> Float[Array, "4"]:
         """The velocity [m/s, rad/s], cut to what can be braked before obstacles and bounds from `pose` [m, rad]."""
         scene, acceleration = self.scene, self.limits.acceleration
         result = brake_before_obstacles(scene, pose, velocity, acceleration, self.settings.filter_margin)
-        return brake_before_bounds(scene, pose, self.limited(result), acceleration)
+        return brake_before_bounds(scene, pose, self.limited(pose, result), acceleration)
 
 
 def in_precision_of(parameters: PolicyParameters, array: Float[AnyArray, "*shape"]) -> Float[Array, "*shape"]:

@@ -1,5 +1,13 @@
 """Names that the package offers; `__init__.py` loads each when it is first used."""
 
+from .crouch import (
+    PLANAR as PLANAR,
+    least_height as least_height,
+    speed_lines as speed_lines,
+    top_speed as top_speed,
+    within_top_speed as within_top_speed,
+    without_top_speed as without_top_speed,
+)
 from .heading import (
     facing as facing,
     pose_error as pose_error,
@@ -21,6 +29,7 @@ from .settings import (
     POSE_NAMES as POSE_NAMES,
     Box as Box,
     BoxSettings as BoxSettings,
+    CrouchSettings as CrouchSettings,
     ObstacleSettings as ObstacleSettings,
     SceneSettings as SceneSettings,
     StartSettings as StartSettings,

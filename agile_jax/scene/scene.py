@@ -33,10 +33,14 @@ class Scene(NamedTuple):
     torso_half_size: Float[np.ndarray, "3"]  # along the torso's own axes [m]
     lower: Float[np.ndarray, "4"]  # bounds of the pose [m, rad]
     upper: Float[np.ndarray, "4"]
+    speed_heights: Float[np.ndarray, " k"] = np.empty(0)  # increasing [m]; none where no height limits the speed
+    speed_limits: Float[np.ndarray, " k"] = np.empty(0)  # top speed at these, convex (crouch.py) [m/s]
 
 
 def make_scene(settings: SceneSettings) -> Scene:
     """The scene that `settings` describe, in float64."""
+    x, y, z, yaw = settings.lower
+    crouch = settings.crouch
     boxes = [obstacle.boxes() for obstacle in settings.obstacles]
     yaws = [obstacle.yaw for obstacle, parts in zip(settings.obstacles, boxes, strict=True) for _ in parts]
     return Scene(
@@ -46,8 +50,10 @@ def make_scene(settings: SceneSettings) -> Scene:
         obstacle_numbers=np.array([number for number, parts in enumerate(boxes) for _ in parts], int),
         target=np.array(settings.target),
         torso_half_size=np.array(settings.torso_half_size),
-        lower=np.array(settings.lower),
+        lower=np.array([x, y, z or crouch.lowest, yaw]),
         upper=np.array(settings.upper),
+        speed_heights=np.array(crouch.heights, float),
+        speed_limits=np.array(crouch.speeds, float),
     )
 
 

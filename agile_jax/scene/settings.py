@@ -21,6 +21,8 @@ from agile_jax.settings import (
 )
 
 OBSTACLES = ("table", "box")
+CONVEX = 1e-6  # [1/s] up to which slopes of the top speed may fall: rounding
+Numbers = Annotated[tuple[Positive, ...], Field(strict=False)]
 POSE_NAMES = ("x", "y", "z", "yaw")  # the planned pose s [m, m, m, rad]
 
 
@@ -141,6 +143,36 @@ class StartSettings(Settings):
     """Standard deviations of the start pose [m, rad]."""
 
 
+class CrouchSettings(Settings):
+    """How low the robot can walk, and how fast at each height: what its legs allow (crouch.py).
+
+    The defaults stand for an A1 that never crouches so low that its speed is limited.
+    """
+
+    by: Literal["legs", "hand"] = "legs"
+    """legs: an experiment works out the numbers below from robot and gait, whatever they say. hand: they are given."""
+    lowest: Positive = 0.155
+    """Lowest height of the torso at which the robot can walk [m]."""
+    heights: Numbers = ()
+    """Heights at which the top speed is given, increasing [m]; in between, and beyond, it is linear."""
+    speeds: Numbers = ()
+    """Top speed along x and along y at each of the heights, increasing and convex [m/s]."""
+
+    @model_validator(mode="after")
+    def _speeds_are_convex(self) -> "CrouchSettings":
+        heights, speeds = np.array(self.heights), np.array(self.speeds)
+        if len(heights) != len(speeds) or len(heights) == 1:
+            raise ValueError(
+                f"heights and speeds must be equally many, none or at least two, not {len(heights)} and {len(speeds)}"
+            )
+        if (np.diff(heights) <= 0).any():
+            raise ValueError(f"heights = {list(self.heights)} must increase")
+        slopes = np.diff(speeds) / np.diff(heights)
+        if (slopes <= 0).any() or (np.diff(slopes) < -CONVEX).any():
+            raise ValueError(f"speeds = {list(self.speeds)} must increase with the heights, and ever faster (convex)")
+        return self
+
+
 class SceneSettings(Settings):
     """The world of the plan. Defaults are the paper's scene.
 
@@ -152,10 +184,12 @@ class SceneSettings(Settings):
     """Target pose [x, y, z, yaw] [m, rad]."""
     torso_half_size: PositiveVector3 = (0.28, 0.155, 0.058)
     """Half size of the torso's envelope along its own x, y and z [m]."""
-    lower: PoseBound = (-1.5, -3.0, 0.155, -3.2)
-    """Lower bounds of the planned pose [m, rad]."""
+    lower: PoseBound = (-1.5, -3.0, 0.0, -3.2)
+    """Lower bounds of the planned pose [m, rad]; a z of 0 stands for the lowest at which the robot can walk."""
     upper: PoseBound = (4.5, 3.0, 0.32, 3.2)
     """Upper bounds of the planned pose [m, rad]; where the bounds of yaw span a full turn, yaw is unbounded."""
+    crouch: CrouchSettings = CrouchSettings()
+    """How low the robot can walk, and how fast there."""
     start: StartSettings = StartSettings()
     """Where the robot starts."""
     obstacles: Annotated[tuple[AnyObstacle, ...], Field(strict=False)] = ()
@@ -163,7 +197,8 @@ class SceneSettings(Settings):
 
     @model_validator(mode="after")
     def _bounds_hold_something(self) -> "SceneSettings":
-        for name, low, high in zip(POSE_NAMES, self.lower, self.upper, strict=True):
+        x, y, z, yaw = self.lower
+        for name, low, high in zip(POSE_NAMES, (x, y, z or self.crouch.lowest, yaw), self.upper, strict=True):
             if not low < high:
                 raise ValueError(f"lower = {low} must be below upper = {high} for {name}")
         return self

@@ -15,6 +15,7 @@ from jaxtyping import Array, Float, PyTree
 from agile_jax.control import ControlSettings, Reference
 from agile_jax.geometry import wrap_angle
 from agile_jax.policy.velocity_tracker import track
+from agile_jax.scene import Scene, within_top_speed
 from agile_jax.simulation.paths import TimedPath
 
 Guide = Callable[[Float[Array, "4"], Float[Array, "4"], Float[Array, ""], float], Float[Array, "4"]]
@@ -57,6 +58,23 @@ class ReferenceState(NamedTuple):
 def policy_guidance(command: CommandFunction) -> Guidance:
     """The guidance of a policy, or of another function of the reference alone, from its `command`."""
     return lambda parameters, path, pose, velocity, time, dt: command(parameters, pose, velocity, dt)
+
+
+def slowed(guidance: Guidance, scene: Scene) -> Guidance:
+    """The guidance, no faster than the legs allow at the height of the reference."""
+
+    def slower(
+        parameters: PyTree,
+        path: TimedPath | None,
+        pose: Float[Array, "4"],
+        velocity: Float[Array, "4"],
+        time: Float[Array, ""],
+        dt: float,
+    ) -> Float[Array, "4"]:
+        wanted = guidance(parameters, path, pose, velocity, time, dt)
+        return within_top_speed(scene, pose[2] + velocity[2] * dt, wanted, jnp)
+
+    return slower
 
 
 def drive(

@@ -35,5 +35,5 @@ def test_stages_follow_one_another():
 
 
 def test_parameters_stand_in_the_order_of_their_kinds():
-    parameters = Parameters("start", "target", ["a", "b"], ["face"], ["edge"], "fractions", "weight")
-    assert parameters.in_order() == ["start", "target", "a", "b", "face", "edge", "fractions", "weight"]
+    parameters = Parameters("start", "target", ["a", "b"], ["face"], ["edge"], "lines", "fractions", "weight")
+    assert parameters.in_order() == ["start", "target", "a", "b", "face", "edge", "lines", "fractions", "weight"]

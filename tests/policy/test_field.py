@@ -133,6 +133,26 @@ def test_velocity_is_finite_and_within_limits_everywhere(kind, field_filter):
     assert (np.abs(velocity) <= VELOCITY * (1 + 1e-5)).all()
 
 
+@pytest.mark.parametrize("kind", ["plain", "residual", "feedback"])
+def test_a_policy_asks_for_no_more_than_the_legs_allow_at_its_height(kind):
+    """Whatever its network says; and where they allow the velocity's bounds, they change nothing."""
+    scene, start = table_scene(), np.zeros(4, np.float32)
+    low = scene._replace(speed_heights=np.array([0.155, 0.2, 0.25]), speed_limits=np.array([0.2, 0.35, 0.85]))
+    poses = random_poses(1000).astype(np.float32)
+
+    def commands(where):
+        policy = make_policy(where, LIMITS, PolicySettings(kind=kind, hidden_layers=(16, 16)))
+        command = jax.jit(jax.vmap(lambda parameters, pose: policy.command(parameters, pose, start, 0.5), (None, 0)))
+        return np.asarray(command(wild(policy), poses))
+
+    fast, slow = commands(scene), commands(low)
+    allowed = np.interp(poses[:, 2], low.speed_heights, low.speed_limits)
+    assert (np.abs(fast[:, :2]).max(1) > allowed * 1.1).sum() > 100
+    assert (np.abs(slow[:, :2]).max(1) <= allowed * (1 + 1e-5)).all()
+    high = poses[:, 2] > 0.26
+    np.testing.assert_allclose(slow[high], fast[high], atol=1e-6)
+
+
 def test_residual_field_is_a_stable_node_at_the_target_whatever_the_network_says():
     policy = make_policy(table_scene(), LIMITS, SMALL)
     parameters = wild(policy)

@@ -8,8 +8,9 @@ import pytest
 
 from agile_jax.control import ControlSettings
 from agile_jax.policy.velocity_tracker import track
+from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation.paths import TimedPath, path_guidance
-from agile_jax.simulation.reference import ReferenceState, drive, limit_lead, plan_reference
+from agile_jax.simulation.reference import ReferenceState, drive, limit_lead, plan_reference, slowed
 
 SETTINGS = ControlSettings()
 LIMIT = jnp.array([1.5, 1.5, 1.0, 3.0])
@@ -66,6 +67,29 @@ def test_the_lead_limit_pulls_back_only_what_leads_too_far_and_wraps_yaw():
     # A reference at -3.1 rad is 0.08 rad ahead of a robot at +3.1 rad, not 6.2 behind.
     turned = ReferenceState(pose.at[3].set(-3.1), jnp.ones(4))
     assert limit_lead(turned, pose, SETTINGS).pose[3] - 3.1 == pytest.approx(2 * np.pi - 6.2, abs=1e-4)
+
+
+def test_a_slowed_reference_is_no_faster_than_the_legs_allow_at_its_height():
+    """It comes down while it runs, as fast as it may slow down, and it is faster again when it has come up."""
+    crouch = {"by": "hand", "lowest": 0.12, "heights": (0.12, 0.16), "speeds": (0.5, 1.1)}
+    scene = make_scene(SceneSettings(crouch=crouch))
+
+    def straight_on(parameters, path, pose, velocity, time, dt):
+        height = jnp.where(time < 3.0, 0.13, 0.28)
+        return jnp.stack([1.0, 0.4, jnp.clip(5 * (height - pose[2]), -0.08, 0.08), 0.0])
+
+    guide = partial(slowed(straight_on, scene), None, None)
+    state, states = ReferenceState(jnp.array([0.0, 0.0, 0.2, 0.0]), jnp.zeros(4)), []
+    for k in range(300):
+        state = drive(guide, state, jnp.float32(0.02 * k), LIMIT, 0.02)
+        states.append(np.concatenate(state))
+    poses, velocities = np.split(np.array(states), 2, axis=1)
+    allowed = 0.5 + (poses[:, 2] - 0.12) * 15
+    assert (velocities[:, 0] <= allowed + 0.03 + 1e-6).all()  # a step of slowing down
+    crawling = slice(120, 150)
+    np.testing.assert_allclose(velocities[crawling, 0], 0.65, atol=0.02)
+    np.testing.assert_allclose(velocities[crawling, 1], 0.65 * 0.4, atol=0.02)  # in the same direction
+    assert velocities[-1, 0] == pytest.approx(1.0, abs=1e-6)
 
 
 def test_horizon_continues_the_state_that_is_kept():

@@ -3,7 +3,9 @@
 At the lower bound T the slowest axis is known in closed form (profile.py). Along a route that crosses only on
 that axis it also fixes when each region is entered, and what remains is the least effort of the other axes at a
 fixed time within the regions: one convex program each (axis_program.py). A route without solution here is not
-impossible; it needs more time than T, or a crossing elsewhere, and is left to the general program.
+impossible; it needs more time than T, or a crossing elsewhere, and is left to the general program. So is a path that
+the legs do not allow: where the slowest axis is horizontal its rate says how high the torso must be (scene/crouch.py),
+and whether the other horizontal axis is slow enough is seen when the path is verified.
 """
 
 import itertools
@@ -17,10 +19,11 @@ from agile_jax.expert.programs.axis_program import AxisSolver, Bounds, make_axis
 from agile_jax.expert.search.effort_bound import effort_bound
 from agile_jax.expert.search.minimum_time import crossing_time_bounds
 from agile_jax.expert.search.profile import Profile, make_grid
-from agile_jax.expert.search.routes import Route
+from agile_jax.expert.search.routes import Route, phase_speeds
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.solution import Trajectory
-from agile_jax.scene import POSE_SIZE
+from agile_jax.expert.space.regions import TIGHTENING
+from agile_jax.scene import PLANAR, POSE_NAMES, POSE_SIZE, least_height
 
 SHORTEST_DURATION = 1e-2  # [s] below it the program is badly scaled, and nobody needs a fast path
 SAME_TIME = 1e-7  # [s] within which a node counts for both phases that meet there
@@ -28,6 +31,7 @@ SAMPLES = 24  # of a crossing's time at which its effort is bounded
 EVALUATIONS = 6  # more of the effort, in the search for that time
 STEP, RESOLUTION = 0.06, 2e-3  # first step of the search and its resolution, relative to what the time may be
 LARGEST_GAIN = 1.2  # the search around the first guess does not lower the effort by this factor
+HEIGHT = POSE_NAMES.index("z")
 AXIS_ORDER = (2, 0, 1, 3)  # the height is what most often has too little time, it decides first
 
 
@@ -78,7 +82,7 @@ def solve_certified(task: Task, rival: float = np.inf) -> Attained | None:
     if len(unknown) > 1:
         return None
     times: list[float] = [profile.time_at(face.normal[face.axis] * face.value) for face in route.crossed]
-    before, after = crossing_time_bounds(task.problem, route.boxes)
+    before, after = crossing_time_bounds(task.problem, route.boxes, phase_speeds(task.problem, route.regions))
     for p, time in enumerate(times):
         if p not in unknown and not before[p] - SAME_TIME <= time <= profile.duration - after[p] + SAME_TIME:
             return None
@@ -189,6 +193,12 @@ def _solve_at(task: Task, crossing_times: Sequence[float]) -> Attained | None:
         return None
     position, rate, control = profile.states(times)
     lower, upper = _node_bounds(task, times, crossing_times)
+    if axis in PLANAR and len(problem.scene.speed_heights):
+        needed = least_height(problem.scene, np.abs(rate))
+        needed[1:-1] += TIGHTENING  # for what happens between nodes
+        lower[:, HEIGHT] = np.maximum(lower[:, HEIGHT], needed)
+        if (lower[:, HEIGHT] > upper[:, HEIGHT]).any():
+            return None
     if (position < lower[:, axis] - SAME_TIME).any() or (position > upper[:, axis] + SAME_TIME).any():
         return None
 

@@ -12,13 +12,14 @@ from agile_jax.expert.search.profile import Profile, make_grid
 from agile_jax.expert.search.routes import Route, waypoints
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.expert.space.cells import Face
-from agile_jax.scene import POSE_SIZE
+from agile_jax.scene import PLANAR, POSE_SIZE, least_height, speed_lines, top_speed
 
 EDGE_SPEED = 0.5  # of the full speed, at which the guess goes around an edge
 WARM_START_DECIMALS = 2  # of a solution from which the next one begins
 SHORTEST_PHASE = 1e-3  # [s] keeps the program regular where a phase would vanish
 LONGEST_PHASE = 1e3  # [s]
 CROSSING_ROOM = 0.01  # [m] around a crossed face, so that its equality does not sit on a bound
+LEAST_SPEED = 0.05  # [m/s] of the guess where the legs hardly move
 LEAST_STEP = 0.05  # of the mean step: a switch nearer to another break is not made a node
 
 
@@ -31,6 +32,7 @@ def make_inputs(
     profile: Profile | None = None,
     slowness: float = 1.0,
     phase_times: np.ndarray | None = None,
+    heights: np.ndarray | None = None,
 ) -> Inputs:
     """Bounds, grid and initial guess of a route.
 
@@ -43,8 +45,14 @@ def make_inputs(
         profile: of the slowest axis. Its switches become nodes, which lets the least time be attained.
         slowness: factor on the durations of the guess, straight lines through the waypoints.
         phase_times: when the phases begin and end, shape (P+1,) [s], where the profile does not tell.
+        heights: of the intervals, shape (T,), at which the lines touch the top speed [m]; when not given, the lowest of
+            the guess in each phase, whose flat lines leave any height some speed.
     """
     layout = program.layout
+    guess = _guess(problem, route, layout, slowness)
+    if heights is None:
+        lowest = np.minimum.reduceat(middle_heights(guess.poses), layout.first_nodes)
+        heights = np.repeat(lowest, layout.intervals)
     fractions = _fractions(route, layout, profile, problem.settings, phase_times)
     parameters = Parameters(
         problem.start,
@@ -52,12 +60,13 @@ def make_inputs(
         [_crossing_parameters(face) for face in route.crossed],
         [row for region in route.regions for row in region.rows],
         [np.append(region.edge, margin) for region in route.regions if region.edge is not None],
+        lines_at(problem, heights[layout.slow_intervals]).ravel(),
         fractions,
         np.array([weight]),
     )
     lower, upper = _variable_bounds(problem, route, layout)
     return Inputs(
-        layout.pack(_guess(problem, route, layout, slowness)),
+        layout.pack(guess),
         layout.pack(lower),
         layout.pack(upper),
         *_row_bounds(route, program, problem.settings.limits.velocity),
@@ -87,7 +96,10 @@ def _guess(problem: Problem, route: Route, layout: Layout, slowness: float) -> V
     """Straight lines through the waypoints, at a constant rate in each phase."""
     points, (velocity, acceleration) = waypoints(route, problem), problem.settings.limits
     edges = [phase.edge for phase in layout.phases]
-    times = np.max(np.abs(np.diff(points, axis=0)) / velocity, axis=1)
+    velocities = np.tile(velocity, (len(points) - 1, 1))
+    slowest = top_speed(problem.scene, np.minimum(points[1:, 2], points[:-1, 2]))
+    velocities[:, PLANAR] = np.minimum(velocities[:, PLANAR], np.maximum(slowest, LEAST_SPEED)[:, None])
+    times = np.max(np.abs(np.diff(points, axis=0)) / velocities, axis=1)
     times = slowness * np.where(edges, times / EDGE_SPEED, times + np.max(velocity / acceleration) / 2)
     counts = [*layout.intervals[:-1], layout.intervals[-1] + 1]  # nodes
     poses, rates = [], []
@@ -105,6 +117,22 @@ def _guess(problem: Problem, route: Route, layout: Layout, slowness: float) -> V
         angles=np.full(len(layout.places.angles), np.pi / 4),
         next_durations=times[1:],
     )
+
+
+def middle_heights(poses: np.ndarray) -> np.ndarray:
+    """About the heights of the intervals between poses, shape (T+1, 4), in their middles. Shape (T,) [m]."""
+    return (poses[1:, 2] + poses[:-1, 2]) / 2
+
+
+def lines_at(problem: Problem, heights: np.ndarray) -> np.ndarray:
+    """Intercepts and slopes of lines that touch the top speed at heights, shape (S,). Shape (S, 2) [m/s, 1/s].
+
+    Where it is no bound they touch it where it begins to be one: a steeper line would be a tighter bound below.
+    """
+    fastest = max(problem.settings.velocity[i] for i in PLANAR)
+    below = np.minimum(heights, least_height(problem.scene, fastest))
+    lines = speed_lines(problem.scene)
+    return lines[np.argmax(lines[:, 0] + lines[:, 1] * below[:, None], axis=1)] if len(lines) else np.zeros((0, 2))
 
 
 def _variable_bounds(problem: Problem, route: Route, layout: Layout) -> tuple[Variables, Variables]:
@@ -168,7 +196,7 @@ def _row_bounds(route: Route, program: Program, velocity: np.ndarray) -> tuple[n
             crossed = route.crossed[program.layout.phase_of[node] - 1].row
             lower += [-float(crossed is not None and np.array_equal(crossed, region.rows[face]))] * size
             upper += [np.inf] * size
-        elif kind in ("face", "edge"):
+        elif kind in ("face", "edge", "line"):
             lower += [0.0] * size
             upper += [np.inf] * size
         elif kind == "rate":

@@ -24,6 +24,7 @@ class Phase(NamedTuple):
 
     edge: bool  # whether it is around an edge
     faces: int  # that the corners must keep beyond
+    slow: tuple[int, ...] = ()  # the axes whose top speed can be below their bound of the velocity at its heights
 
 
 class Variables(NamedTuple):
@@ -46,13 +47,14 @@ class Parameters(NamedTuple, Generic[Values]):
     crossings: Sequence[Values]  # P-1 of (7,): normal, its direction in the plane, footprint's weight, offset
     faces: Sequence[Values]  # M of (4,): normal, offset
     edges: Sequence[Values]  # E of (9,): two faces, the margin
+    lines: Values  # (2 S,) intercept and slope of a bound of the speed, for each of S intervals of slow phases
     fractions: Values  # (T,) lengths of the intervals, relative to their phase
     weight: Values  # (1,) of the effort
 
     def in_order(self) -> list[Values]:
         """All of them, as they stand in the vector."""
         several = (*self.crossings, *self.faces, *self.edges)
-        return [self.start, self.target, *several, self.fractions, self.weight]
+        return [self.start, self.target, *several, self.lines, self.fractions, self.weight]
 
 
 @dataclass(frozen=True)
@@ -83,6 +85,11 @@ class Layout:
     def phase_of(self) -> list[int]:
         """The phase of each interval."""
         return np.repeat(np.arange(len(self.phases)), self.intervals).tolist()
+
+    @cached_property
+    def slow_intervals(self) -> list[int]:
+        """The intervals of phases in which the top speed matters."""
+        return [k for k, phase in enumerate(self.phase_of) if self.phases[phase].slow]
 
     @cached_property
     def places(self) -> Variables:

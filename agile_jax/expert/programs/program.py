@@ -8,7 +8,7 @@ import numpy as np
 from agile_jax.expert.programs.layout import Layout, Variables
 from agile_jax.expert.solution import Trajectory
 
-RowKind = Literal["step", "end", "crossing", "rate", "pose", "face", "speed", "touch", "edge"]
+RowKind = Literal["step", "end", "crossing", "rate", "pose", "face", "speed", "line", "touch", "edge"]
 
 
 class Row(NamedTuple):

@@ -36,3 +36,15 @@ def control_points(scheme: str, pose: Term, rate: Term, h: Term, u: Term, u_next
     end, end_rate = step(scheme, pose, rate, h, u, u_next)
     inner = [pose + h / 3 * rate, end - h / 3 * end_rate] if scheme == "foh" else [pose + h / 2 * rate]
     return [*inner, end]
+
+
+def rate_points(scheme: str, rate: Term, h: Term, u: Term, u_next: Term) -> list[Term]:
+    """The rate's Bernstein coefficients over an interval but for its begin, as many as the pose has.
+
+    Trapezoidal collocation takes the rate for linear between nodes.
+    """
+    end = rate + h * u if scheme == "zoh" else rate + h / 2 * (u + u_next)
+    if scheme != "foh":
+        return [(rate + end) / 2, end]
+    middle = rate + h / 2 * u
+    return [(rate + 2 * middle) / 3, (2 * middle + end) / 3, end]

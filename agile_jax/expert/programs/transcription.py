@@ -11,6 +11,14 @@ the torso must stay beyond a face of every obstacle, which adds rows:
 
     n . (p + R(yaw) corner) >= offset          for the four corners, per obstacle and phase
 
+The top speed V(z) of a crouching robot (scene/crouch.py) is convex in z, so that |s'_i| <= V(z) is no convex set. In
+the phases where it can matter each interval has one of the lines below V instead,
+
+    |s'_i| <= a + b z                          for the horizontal axes, on all Bernstein coefficients,
+
+and the program is solved again with the lines that touch V at the heights that were found (retries.py). A line is safe
+by itself, and each solution remains one of the next program.
+
 In a phase around an edge (edges.py) n is between two normals, at an angle that is a control, and the rows are on all
 Bernstein coefficients of the interval. The structure depends on which phases are around edges, on how many faces
 have rows in each, and on the settings; one program serves all routes that agree in it.
@@ -32,7 +40,7 @@ import numpy as np
 
 from agile_jax.expert.programs.layout import Layout, Parameters, Phase
 from agile_jax.expert.programs.program import Program, Row, RowKind
-from agile_jax.expert.programs.schemes import LINEAR, control_points, square_integral, step
+from agile_jax.expert.programs.schemes import LINEAR, control_points, rate_points, square_integral, step
 from agile_jax.expert.settings import ExpertSettings
 from agile_jax.scene import POSE_SIZE
 
@@ -80,6 +88,7 @@ class _Builder:
             [ca.SX.sym(f"crossing{p}", CROSSING) for p in range(len(phases) - 1)],
             [face for faces in self._faces for face in faces],
             list(self._edges.values()),
+            ca.SX.sym("lines", 2 * len(layout.slow_intervals)),
             ca.SX.sym("fractions", layout.nodes),
             ca.SX.sym("weight"),
         )
@@ -103,6 +112,15 @@ class _Builder:
     def _require_faces(self, kind: RowKind, node: int, phase: int, pose: ca.SX) -> None:
         for i, face in enumerate(self._faces[phase]):
             self._require(kind, node, phase, _corner_heights(pose, face, self._corners), i)
+
+    def _require_lines(self, k: int, phase: int, points: Sequence[tuple[ca.SX, ca.SX]]) -> None:
+        """Rates below a line in the height at all Bernstein coefficients, hence all the time."""
+        place = 2 * self._layout.slow_intervals.index(k)
+        intercept, slope = self.parameters.lines[place], self.parameters.lines[place + 1]
+        for pose, rate in points:
+            for axis in self._layout.phases[phase].slow:
+                for sign in (1, -1):
+                    self._require("line", k, phase, intercept + slope * pose[2] - sign * rate[axis])
 
     def add_interval(self, k: int) -> None:
         """The constraints and the cost of the interval after node k."""
@@ -133,6 +151,10 @@ class _Builder:
             self._require_faces("face", k, p, point)
         if settings.velocity_bound == "planar_norm":
             self._require("speed", k, 0, ca.sumsqr(rate[:2] / settings.limits.velocity[:2]))
+        if layout.phases[p].slow:
+            self._require_lines(
+                k, p, [(pose, rate), *zip(points, rate_points(scheme, rate, h, u, u_next), strict=True)]
+            )
         if begins_phase:
             self._require_faces("touch", k, p, pose)
             self._require_faces("touch", k, p - 1, pose)

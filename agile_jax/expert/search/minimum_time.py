@@ -20,6 +20,7 @@ from jaxtyping import Float
 
 from agile_jax.expert.problem import Problem
 from agile_jax.expert.settings import ExpertSettings, InitialVelocity
+from agile_jax.scene import PLANAR
 
 Box = tuple[Sequence[float], Sequence[float]]  # (lower, upper) of poses, each (4,)
 Numbers = Float[np.ndarray, "*#shape"] | float
@@ -121,17 +122,25 @@ def least_motion(start: float, boxes: Sequence[tuple[float, float]]) -> list[flo
     return points
 
 
-def crossing_time_bounds(problem: Problem, boxes: Sequence[Box]) -> tuple[list[float], list[float]]:
+def crossing_time_bounds(
+    problem: Problem, boxes: Sequence[Box], speeds: Sequence[float] = ()
+) -> tuple[list[float], list[float]]:
     """Lower bounds on the times from the start to each of the boxes that are visited in order, and from each of them
     to rest at the target [s].
 
     The slowest axis decides, all the way or from one box to the next at full speed.
+
+    Args:
+        problem: start, target and bounds count.
+        boxes: of poses.
+        speeds: top speeds of the horizontal axes before, between and after the boxes [m/s]; none where they do not
+            matter.
     """
     before, after = [0.0] * len(boxes), [0.0] * len(boxes)
     if not boxes:
         return before, after
     start, target, settings = problem.start.tolist(), problem.target.tolist(), problem.settings
-    apart = [0.0] * len(boxes)  # from the box before [s]
+    apart = [0.0] * (len(boxes) + 1)  # to each box, and the target, from what is before it [s]
     for i, (velocity, acceleration) in enumerate(zip(settings.velocity, settings.acceleration, strict=True)):
         intervals = [(low[i], high[i]) for low, high in boxes]
         forward, backward = least_motion(start[i], intervals), least_motion(target[i], intervals[::-1])
@@ -139,17 +148,20 @@ def crossing_time_bounds(problem: Problem, boxes: Sequence[Box]) -> tuple[list[f
         left = passing_times(backward, velocity, acceleration, True)[::-1]
         before = [max(pair) for pair in zip(before, passed, strict=True)]
         after = [max(pair) for pair in zip(after, left, strict=True)]
-        for p in range(1, len(boxes)):
-            (low, high), (there_low, there_high) = intervals[p - 1], intervals[p]
-            apart[p] = max(apart[p], (there_low - high) / velocity, (low - there_high) / velocity)
-    for p in range(1, len(boxes)):
-        before[p] = max(before[p], before[p - 1] + apart[p])
-    for p in range(len(boxes) - 1, 0, -1):
-        after[p - 1] = max(after[p - 1], after[p] + apart[p])
+        stops = [(start[i], start[i]), *intervals, (target[i], target[i])]
+        for p, ((low, high), (there_low, there_high)) in enumerate(itertools.pairwise(stops)):
+            speed = min(velocity, speeds[p]) if speeds and i in PLANAR else velocity
+            apart[p] = max(apart[p], (there_low - high) / speed, (low - there_high) / speed)
+    for p in range(len(boxes)):
+        before[p] = max(before[p], (before[p - 1] if p else 0.0) + apart[p])
+        back = len(boxes) - 1 - p
+        after[back] = max(after[back], (after[back + 1] if p else 0.0) + apart[back + 1])
     return before, after
 
 
-def route_bounds(problem: Problem, boxes: Sequence[Box], known: KnownAxis | None = None) -> tuple[float, float]:
+def route_bounds(
+    problem: Problem, boxes: Sequence[Box], known: KnownAxis | None = None, speeds: Sequence[float] = ()
+) -> tuple[float, float]:
     """Lower bounds on the duration [s] and on the objective T + w E of every path that visits boxes in order.
 
     All axes are in box p at the same time, so the slowest axis up to it and the slowest axis after it add up. The
@@ -160,9 +172,10 @@ def route_bounds(problem: Problem, boxes: Sequence[Box], known: KnownAxis | None
         problem: start, target and bounds count.
         boxes: of poses. Plain numbers are faster than arrays.
         known: the bound of the objective is then for paths of that duration.
+        speeds: of `crossing_time_bounds`.
     """
     start, target, settings = problem.start.tolist(), problem.target.tolist(), problem.settings
-    before, after = crossing_time_bounds(problem, boxes)
+    before, after = crossing_time_bounds(problem, boxes, speeds)
     duration, effort = max((a + b for a, b in zip(before, after, strict=True)), default=0.0), 0.0
     for i, (velocity, acceleration) in enumerate(zip(settings.velocity, settings.acceleration, strict=True)):
         intervals = [(low[i], high[i]) for low, high in boxes]

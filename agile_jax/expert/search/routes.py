@@ -21,7 +21,9 @@ from agile_jax.expert.space.cells import Face
 from agile_jax.expert.space.crossings import Crossing
 from agile_jax.expert.space.graph import Graph
 from agile_jax.expert.space.regions import Choice, FreeSpace, Region, regions_around
+from agile_jax.scene import top_speed
 
+SLOWEST = 1e-6  # [m/s] keeps times finite
 MAX_EXPANSIONS = 20_000
 ROUNDING = 1e-6  # relative, of the time that routes may take
 PATHS_PER_REGION = 8  # that are followed, the best ones: they multiply with the number of obstacles
@@ -134,8 +136,17 @@ class RouteSearch:
             phases += [graph.regions[choice]] if passage.between is None else [passage.between, graph.regions[choice]]
         crossings = tuple(crossing for passage in passed for crossing in passage.crossings)
         route = Route(tuple(phases), crossings, detours, 0.0, 0.0)
-        duration, objective = route_bounds(self._problem, route.boxes, self._known)
+        duration, objective = route_bounds(
+            self._problem, route.boxes, self._known, phase_speeds(self._problem, route.regions)
+        )
         return route._replace(duration_bound=duration, objective_bound=max(objective, bound))
+
+
+def phase_speeds(problem: Problem, regions: Sequence[Region]) -> list[float]:
+    """How fast the horizontal axes can be in each region at its greatest height [m/s]; empty where that is no bound."""
+    if len(problem.scene.speed_heights) == 0:
+        return []
+    return [max(float(top_speed(problem.scene, region.upper[2])), SLOWEST) for region in regions]
 
 
 def waypoints(route: Route, problem: Problem) -> np.ndarray:

@@ -14,7 +14,7 @@ import numpy as np
 from agile_jax.expert.problem import Problem
 from agile_jax.expert.search.braking_bound import tighten_bounds
 from agile_jax.expert.search.minimum_time import route_bounds
-from agile_jax.expert.search.routes import Route
+from agile_jax.expert.search.routes import Route, phase_speeds
 from agile_jax.expert.space.cells import Face, half_space_box
 from agile_jax.expert.space.footprint import footprint_range
 from agile_jax.expert.space.regions import FreeSpace
@@ -55,7 +55,7 @@ def _parts(problem: Problem, space: FreeSpace, route: Route) -> Iterator[Route]:
             lower, upper = _reached(space, crossing.face, lower, upper)
             crossings.append(crossing._replace(lower=tuple(lower.tolist()), upper=tuple(upper.tolist())))
         part = route._replace(crossings=tuple(crossings))
-        bounds = route_bounds(problem, part.boxes)
+        bounds = route_bounds(problem, part.boxes, speeds=phase_speeds(problem, part.regions))
         yield part._replace(duration_bound=bounds[0], objective_bound=bounds[1])
 
 
