@@ -86,9 +86,14 @@ class Backend:
     target: Float[np.ndarray, "4"]
     draw: Callable[[Int[np.ndarray, " n"]], Plant] | None
 
-    def plants(self, episodes: Int[np.ndarray, " n"]) -> Plant | None:
-        """The robots of episodes by their numbers; None where all are as the model says."""
-        return None if self.draw is None else self.draw(episodes)
+    def plants(self, episodes: Int[np.ndarray, " n"], push_after: Float[np.ndarray, " n"]) -> Plant | None:
+        """The robots of episodes by their numbers; None where all are as the model says.
+
+        Args:
+            episodes: numbers.
+            push_after: from `simulation.push_after` [s].
+        """
+        return None if self.draw is None else self.draw(episodes)._replace(push_after=push_after)
 
     def qpos(self, starts: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 19"]:
         """The coordinates of the robot that stands at poses [m, rad]."""

@@ -32,6 +32,7 @@ class Work(NamedTuple):
     episodes: Int[np.ndarray, " n"]  # their numbers, increasing
     starts: Float[np.ndarray, "n 4"]  # [m, rad]
     limits: Float[np.ndarray, " n"]  # of time [s]
+    push_after: Float[np.ndarray, " n"]  # [s]
     traced: int  # the first of them are recorded
 
     def part(self, rows: slice) -> "Work":
@@ -40,6 +41,7 @@ class Work(NamedTuple):
             episodes=self.episodes[rows],
             starts=self.starts[rows],
             limits=self.limits[rows],
+            push_after=self.push_after[rows],
             traced=max(0, self.traced - rows.start),
         )
 
@@ -69,7 +71,7 @@ def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[Ended
         last(holds)
 
     for indices, rollout in stream(
-        backend.slots, backend.qpos(work.starts), work.limits, watch, backend.plants(work.episodes)
+        backend.slots, backend.qpos(work.starts), work.limits, watch, backend.plants(work.episodes, work.push_after)
     ):
         columns = {"episode": work.episodes[indices], **episode_columns(rollout)}
         for i, index in enumerate(indices.tolist()):

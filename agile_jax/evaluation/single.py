@@ -11,7 +11,7 @@ from agile_jax.experiment import Experiment
 from agile_jax.expert import check_start, make_expert
 from agile_jax.progress import Progress, silent
 from agile_jax.scene import make_scene
-from agile_jax.simulation import OUTCOME_NAMES, Recorder, Trace, gather, stream
+from agile_jax.simulation import OUTCOME_NAMES, Recorder, Trace, gather, push_after, stream
 
 
 @on_one_blas_thread
@@ -48,7 +48,7 @@ def rollout_one(
         recorder(holds)
         progress("episode", 0, 1)
 
-    plant = backend.plants(np.zeros(1, int))
+    plant = backend.plants(np.zeros(1, int), push_after(np.array([expert_time]), [solution.branch]))
     rollout = gather(1, stream(backend.slots, backend.qpos(pose[None]), limits, record, plant))
     outcome, trace = rollout.outcome, recorder.traces(scene, backend.plan_dt)[0]
     name = OUTCOME_NAMES[int(outcome.status[0])]

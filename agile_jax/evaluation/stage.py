@@ -22,6 +22,7 @@ from agile_jax.experiment import Experiment
 from agile_jax.progress import Progress, silent
 from agile_jax.robot import load_robot, robot_digest
 from agile_jax.scene import clearance, make_scene, streams
+from agile_jax.simulation import push_after
 from agile_jax.store.artefact import EPISODES, key
 from agile_jax.store.parts import OpenEngine
 
@@ -71,7 +72,10 @@ def evaluate(
     missing = missing_episodes(kept, settings.episodes, settings.traced)
     if len(missing):
         traced = int(np.searchsorted(missing, settings.traced))
-        work = Work(kept.key, experiment, parameters, missing, starts[missing], limits[missing], traced)
+        pushed = push_after(expert.duration, expert.branch)
+        work = Work(
+            kept.key, experiment, parameters, missing, starts[missing], limits[missing], pushed[missing], traced
+        )
         if settings.where == "workers":
             simulate_on_workers(work, kept, open_engine, progress)
         else:

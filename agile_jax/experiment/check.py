@@ -88,11 +88,9 @@ def _plant(experiment: "Experiment") -> Iterator[Contradiction]:
     plant, backend = experiment.plant, experiment.evaluation.backend
     if backend in ("mujoco", "pybullet"):
         return
-    if plant.delay != 0 or plant.no_load_speed is not None:
-        yield Contradiction(
-            ("plant", "delay" if plant.delay != 0 else "no_load_speed"),
-            f'plant.delay and plant.no_load_speed need evaluation.backend = "mujoco", not "{backend}"',
-        )
+    for name, usual in (("delay", 0), ("no_load_speed", None), ("push_impulse", 0)):
+        if getattr(plant, name) != usual:
+            yield Contradiction(("plant", name), f'plant.{name} needs evaluation.backend = "mujoco", not "{backend}"')
     values = {name: value for name, value in plant if name != "com_shift"} | {"com_shift": plant.com_shift}
     for name, value in values.items():
         if any(isinstance(one, tuple) for one in (value if name == "com_shift" else [value])):

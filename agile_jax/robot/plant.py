@@ -26,6 +26,8 @@ class Plant(NamedTuple):
     foot_friction: Float[np.ndarray, "*n"]  # coefficient; NaN: the file's
     delay: Float[np.ndarray, "*n"]  # of the torques [s]
     no_load_speed: Float[np.ndarray, "*n"]  # of the motors [rad/s]; infinity: the limit holds at every speed
+    push: Float[np.ndarray, "*n 2"]  # impulse of one push on the trunk, in the plane of the world [N s]
+    push_after: Float[np.ndarray, "*n"]  # when it comes to who has not been below an obstacle [s]
 
     def of(self, robots: Int[np.ndarray, " k"] | int) -> "Plant":
         """Some of the batch, or one."""
@@ -37,13 +39,18 @@ def draw_plants(settings: PlantSettings, stream: tuple[int, ...], episodes: Int[
     ranges = [settings.joint_damping, settings.joint_friction, settings.armature, settings.mass, *settings.com_shift]
     ranges += [np.nan if settings.foot_friction is None else settings.foot_friction, settings.delay]
     ranges += [np.inf if settings.no_load_speed is None else settings.no_load_speed]
+    ranges += [settings.push_impulse, (0.0, 2 * np.pi)]
     columns = np.zeros((len(ranges), len(episodes)))
     for i, episode in enumerate(episodes.tolist()):
         shares = np.random.default_rng((*stream, episode)).uniform(size=len(ranges))
         for k, (value, share) in enumerate(zip(ranges, shares, strict=True)):
             columns[k, i] = value[0] + share * (value[1] - value[0]) if isinstance(value, tuple) else value
-    damping, friction, armature, mass, *shift, foot_friction, delay, no_load_speed = columns
-    return Plant(damping, friction, armature, mass, np.stack(shift, -1), foot_friction, delay, no_load_speed)
+    damping, friction, armature, mass, *shift, foot_friction, delay, no_load_speed, impulse, angle = columns
+    push = impulse[:, None] * np.stack([np.cos(angle), np.sin(angle)], -1)
+    never = np.full(len(episodes), np.inf)
+    return Plant(
+        damping, friction, armature, mass, np.stack(shift, -1), foot_friction, delay, no_load_speed, push, never
+    )
 
 
 def plant_model(model: mujoco.MjModel, plant: Plant) -> mujoco.MjModel:

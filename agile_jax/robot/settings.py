@@ -84,6 +84,10 @@ class PlantSettings(Settings):
     """Coefficient of friction of the feet [-]; without a value that of the robot's file (A1: 0.8)."""
     delay: FactorRange = 0.0
     """Time from a torque's command to its effect, rounded to `control.control_dt` [s]."""
+    push_impulse: FactorRange = 0.0
+    """Impulse of one horizontal push on the trunk, in a direction that each episode draws [N s]: below an obstacle or,
+    where the expert's path goes under none, at half the expert's time (simulation/pushes.py).
+    """
     no_load_speed: PositiveRange | None = None
     """Speed at which the motors give no torque any more: the limit falls linearly from half of it on [rad/s]. Without a
     value the limit is the same at every speed.

@@ -10,6 +10,7 @@ from .physics.bullet_world import check_bullet as check_bullet
 from .physics.host_physics import HostPhysics as HostPhysics
 from .physics.mjx_physics import Implementation as Implementation, check_warp as check_warp, mjx_init as mjx_init
 from .physics.mujoco_physics import MujocoPhysics as MujocoPhysics, set_solver as set_solver
+from .pushes import push_after as push_after
 from .reference import Guidance as Guidance, policy_guidance as policy_guidance, slowed as slowed
 from .sensed import Sensed as Sensed
 from .streaming import Rollout as Rollout, Slots as Slots, gather as gather, stream as stream

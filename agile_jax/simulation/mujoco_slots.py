@@ -9,11 +9,13 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, Int, PyTree
 
 from agile_jax.robot import Plant, trunk_pose
+from agile_jax.scene import Scene
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.outcome import RUNNING
 from agile_jax.simulation.paths import PathPlanner, TimedPath
 from agile_jax.simulation.physics.host_physics import HostPhysics
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
+from agile_jax.simulation.pushes import Pushes
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.simulation.streaming import Rollout
 from agile_jax.simulation.traces import Sample, sample_of
@@ -29,6 +31,8 @@ class BatchLoop:
     plan: Callable[[PyTree, TimedPath | None, Episode, Sensed], Episode]  # of which the parameters lead with no n
     act: Callable[[Episode, Sensed], Episode]
     acts_per_plan: int
+    control_dt: float  # [s]
+    scene: Scene
 
 
 def batch_loop(loop: ClosedLoop) -> BatchLoop:
@@ -44,6 +48,8 @@ def batch_loop(loop: ClosedLoop) -> BatchLoop:
         jax.jit(jax.vmap(loop.plan, in_axes=(None, 0, 0, 0)), donate_argnums=2),
         jax.jit(jax.vmap(loop.act), donate_argnums=0),
         loop.acts_per_plan,
+        loop.settings.control_dt,
+        loop.scene,
     )
 
 
@@ -72,6 +78,7 @@ class MujocoSlots:
         self._episodes: Episode | None = None
         self._active = np.zeros(physics.batch, bool)
         self._plans = np.zeros(physics.batch, int)
+        self._pushes = Pushes(loop.scene, physics.batch, loop.control_dt)
 
     @property
     def count(self) -> int:
@@ -94,6 +101,7 @@ class MujocoSlots:
             self._sensed = self.physics.reset(np.repeat(qpos[:1], self.count, 0))
             self._episodes = self.loop.first(self._sensed, jnp.asarray(limits))
         self._sensed = self.physics.reset(qpos, slots, plants)
+        self._pushes.reset(slots, plants)
         self._episodes = self.loop.begin(mask, self._sensed, jnp.asarray(limits), self._episodes)
         if self._planner is not None:
             self._planner.begin(slots, trunk_pose(qpos))
@@ -104,9 +112,11 @@ class MujocoSlots:
         """Plan once, then act until the next plan is due; the status of every slot."""
         episodes = self._episodes
         assert episodes is not None
+        poses, times = trunk_pose(self._sensed.qpos), np.asarray(episodes.outcome.time, float)
+        if self._pushes.waiting:
+            self._pushes.plan(poses, times, self._active)
         if self._planner is not None:
-            times = np.asarray(episodes.outcome.time, float)
-            self._planner.advance(trunk_pose(self._sensed.qpos), times, self._active)
+            self._planner.advance(poses, times, self._active)
             self._paths = self._planner.paths
         self._plans += self._active
         self._was_active = self._active.copy()
@@ -123,7 +133,8 @@ class MujocoSlots:
         return self.loop.plan(self.parameters, self._paths, episode, sensed)
 
     def _step(self, world: None, episode: Episode) -> tuple[None, Sensed]:
-        return world, self.physics.step(np.asarray(episode.torque, np.float64), self._active)
+        torque, pushes = np.asarray(episode.torque, np.float64), self._pushes.forces(self._active)
+        return world, self.physics.step(torque, self._active, pushes)
 
     def read(self, slots: Int[np.ndarray, " k"]) -> Rollout:
         """The results in some slots."""

@@ -75,7 +75,9 @@ def test_episodes_with_other_joints_stop_sooner() -> None:
         assert physics._models[2] is MODEL
 
 
-@pytest.mark.parametrize("plant", [{"delay": 0.01}, {"no_load_speed": 21.0}, {"mass": (0.9, 1.1)}])
+@pytest.mark.parametrize(
+    "plant", [{"delay": 0.01}, {"no_load_speed": 21.0}, {"push_impulse": 2.0}, {"mass": (0.9, 1.1)}]
+)
 def test_mjx_refuses_what_it_cannot_simulate(plant: dict[str, object]) -> None:
     with pytest.raises(ValueError, match="mujoco"):
         Experiment.model_validate({"name": "n", "plant": plant, "evaluation": {"backend": "mjx"}})
