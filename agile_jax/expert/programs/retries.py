@@ -209,7 +209,11 @@ class GeneralSolver:
         From another solution the top speed is bounded by lines that touch it at the heights of that one.
         """
         problem, space = task.problem, task.space
+        tried: set[str] = set()
         for attempt in attempts:
+            if previous is not None and attempt.solver in tried:
+                continue  # attempts with one solver differ in their guess only
+            tried.add(attempt.solver)
             program = self._program(task.phases, problem.from_rest, attempt.solver, space.exact)
             heights = None if previous is None else middle_heights(previous.trajectory.states)
             inputs = make_inputs(
