@@ -39,8 +39,8 @@ from agile_jax.robot import (
 from agile_jax.settings import BadInput
 from agile_jax.single_precision import in_float32
 
-REACH_SPEED = 0.3  # at which a foot that misses the ground reaches further down [m/s]
-REACH_DEPTH = 0.05  # below the floor's height, at most [m]
+# A foot that misses the ground falls on: how fast it gathers speed [m/s^2], to what speed [m/s], and how far down [m].
+FALL, FALL_SPEED, FALL_DEPTH = 60.0, 1.0, 0.05
 
 
 class ControllerState(NamedTuple):
@@ -189,6 +189,8 @@ class MpcController:
         longest = longest_stride(window[0], window[1], gait.duty(settings.gait, state.gait), jnp)
         clock = gait.schedule(settings.gait, state.gait, planar_speed(reference).max(), longest, rest, settings.plan_dt)
         footholds = plan_footholds(self.robot, settings, window, self.nominal_feet, clock, robot_state, body, reference)
+        late = gait.late(settings.gait, clock)  # it still comes down to where it should have landed
+        footholds = jnp.where(late[:, None], state.foothold_world, footholds)
 
         error = jnp.stack([reference.pose[2] - robot_state.base_pos[2], -body.rpy[0], -body.rpy[1]])
         limit = jnp.array(settings.integral_limit)
@@ -205,20 +207,27 @@ class MpcController:
         """The paths of the feet; a foot that is late reaches down until it touches the ground."""
         settings, clock = self.settings.gait, state.gait
         speed = jnp.sqrt(jnp.sum(state.velocity_planar**2))
-        late = gait.late_by(settings, clock)
         return torques.SwingTarget(
             lift_off,
             state.foothold_world,
             gait.step_height(settings, speed, robot_state.base_pos[2] - self.knee_limit_height, self.least_lift),
             gait.swing_progress(settings, clock),
             gait.swing_duration(settings, clock),
-            jnp.minimum(REACH_SPEED * late, REACH_DEPTH),
-            jnp.where((late > 0) & (REACH_SPEED * late < REACH_DEPTH), REACH_SPEED, 0.0),
+            *fall(gait.late_by(settings, clock)),
         )
 
     def _feet_world(self, robot_state: RobotState, R_world_base: jax.Array) -> jax.Array:
         """Centres of the feet, shape (4, 3) [m]."""
         return robot_state.base_pos + leg_forward_kinematics(self.robot, robot_state.joint_pos) @ R_world_base.T
+
+
+def fall(late: Float[Array, "4"]) -> tuple[Float[Array, "4"], Float[Array, "4"], Float[Array, "4"]]:
+    """How far below their paths feet are that should have landed some time ago [s]: depth, speed, acceleration."""
+    gathering = FALL_SPEED / FALL
+    depth = FALL * jnp.minimum(late, gathering) ** 2 / 2 + FALL_SPEED * jnp.maximum(late - gathering, 0.0)
+    falls = (late > 0) & (depth < FALL_DEPTH)
+    speed = jnp.where(falls, FALL * jnp.minimum(late, gathering), 0.0)
+    return jnp.minimum(depth, FALL_DEPTH), speed, jnp.where(falls & (late < gathering), FALL, 0.0)
 
 
 def make_controller(robot: RobotModel, settings: ControlSettings) -> Controller[PyTree]:

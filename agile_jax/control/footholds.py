@@ -73,11 +73,12 @@ def plan_support(
         footholds_world: from `plan_footholds` [m].
         reference: of the trunk, whose velocity makes the strides after the first.
     """
+    here = clock.landed | gait.late(settings, clock)
     early = clock.landed & ~gait.scheduled(settings, clock)  # the landing of the present swing has been
     landings = gait.landings_ahead(settings, clock, elapsed)  # (N, 4)
     stride = jnp.concatenate([reference.velocity[:2], jnp.zeros(1)]) * clock.period
     ahead = footholds_world + jnp.maximum(landings - 1, 0)[..., None] * stride
-    return jnp.where((clock.landed & (landings <= early))[..., None], feet_world, ahead)
+    return jnp.where((here & (landings <= early))[..., None], feet_world, ahead)
 
 
 def foothold(

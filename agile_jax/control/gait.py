@@ -17,6 +17,7 @@ from agile_jax.control.settings import GaitSettings
 TROT_OFFSETS = (0.0, 0.5, 0.5, 0.0)  # FR, FL, RR, RL, as fractions of the period
 WALK_SHIFT = (0.0, 0.0, -0.25, -0.25)
 BLEND_TIME = 1.0  # from trot to walk or back [s]
+GRACE = 0.05  # a foot that is late is still counted on that long: it is about to touch [s]
 
 
 class Gait(NamedTuple):
@@ -101,7 +102,7 @@ def contacts_ahead(settings: GaitSettings, gait: Gait, elapsed: Float[Array, " N
     """Which feet will stand after the given times [s]: by the clock, corrected by what they touch now."""
     by_clock = leg_phase(gait, _phase_after(settings, gait, elapsed)) < duty(settings, gait)
     early = gait.landed & ~scheduled(settings, gait) & (elapsed[:, None] < time_to_touch_down(gait))
-    missing = late(settings, gait) & (jnp.arange(len(elapsed)) == 0)[:, None]
+    missing = (late_by(settings, gait) > GRACE) & (jnp.arange(len(elapsed)) == 0)[:, None]
     return (by_clock | early) & ~missing
 
 

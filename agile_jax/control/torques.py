@@ -41,7 +41,8 @@ class SwingTarget(NamedTuple):
     progress: Float[Array, "4"]  # in [0, 1]
     duration: Float[Array, ""]  # [s]
     depth: Float[Array, "4"]  # that much below the path [m]
-    descent: Float[Array, "4"]  # and that fast down [m/s]
+    descent: Float[Array, "4"]  # that fast down [m/s]
+    fall: Float[Array, "4"]  # and that fast faster [m/s^2]
 
 
 def gravity_torque(
@@ -79,6 +80,7 @@ def swing_joint_target(
     )
     position = position.at[:, 2].add(-swing.depth)
     velocity = velocity.at[:, 2].add(-swing.descent)
+    acceleration = acceleration.at[:, 2].add(-swing.fall)
     foot_base = (position - robot_state.base_pos) @ R_world_base
     relative = (velocity - robot_state.base_lin_vel_world) @ R_world_base
     relative -= jnp.cross(robot_state.base_ang_vel_base, foot_base)
