@@ -7,10 +7,16 @@ them: what is there is not simulated again, and a killed run goes on. The table 
 rows made in an environment with another MuJoCo stand beside the others.
 
 Every row has the 500 Hz torques of the experiment but the one at 250 Hz, whose torques are as slow as its physics.
+
+MuJoCo 4, of which MJX knows nothing yet, in a folder of its own:
+
+pip install --no-deps --target DIR mujoco==4.0.0 mujoco-core==4.0.0 mujoco-studio==4.0.0 mujoco-mjx==3.17.0
+PYTHONPATH=DIR python scripts/physics_table.py RUN_DIR --rows "C, 500 Hz"
 """
 
 import argparse
 import json
+import os
 import pathlib
 import shutil
 from functools import partial
@@ -32,6 +38,9 @@ ROWS = {  # overrides of the experiment, by section
     "C, Runge-Kutta": {"evaluation": {"physics": {"integrator": "rk4"}}},
     "C, elliptic cone": {"evaluation": {"physics": {"cone": "elliptic"}}},
     "MJX, 500 Hz": {"evaluation": {"backend": "mjx"}},
+    "PyBullet, 1,000 Hz, rotors without reaction": {
+        "evaluation": {"backend": "pybullet", "physics": {"substeps": 2, "rotor_reaction": False}}
+    },
     "PyBullet, 500 Hz": {"evaluation": {"backend": "pybullet", "physics": {"substeps": 1}}},
     "PyBullet, 1,000 Hz": {"evaluation": {"backend": "pybullet", "physics": {"substeps": 2}}},
     "PyBullet, 2,000 Hz": {"evaluation": {"backend": "pybullet", "physics": {"substeps": 4}}},
@@ -94,6 +103,7 @@ def main() -> None:
     options = parser.parse_args()
     results = options.run_dir.with_name(options.run_dir.name + "-physics")
     folder = results / f"mujoco-{mujoco.__version__}"
+    os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(results.absolute() / "compiled"))  # of the workers
     if not (folder / "training").exists():
         shutil.copytree(options.run_dir / "training", folder / "training")
     for name in options.rows:

@@ -33,6 +33,7 @@ WITH: dict[str, dict[str, object]] = {  # what other settings must be for one to
     "training.patience": {"training.select": "best"},
     "aggregation.rounds": {"expert.initial_velocity": "free"},
     "dataset.label_kind": {"policy.kind": "plain"},
+    "evaluation.physics.rotor_reaction": {"evaluation.backend": "pybullet"},
     "training.output_units": {"policy.kind": "plain"},
 }
 EFFECT = {"": "–", "key": "anew", "amount": "grows"}

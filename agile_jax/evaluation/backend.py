@@ -150,7 +150,7 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
         if settings.backend == "mujoco":
             physics = MujocoPhysics(model, slots, threads, substeps=settings.substeps)
         else:
-            physics = BulletPhysics(model, slots, substeps=settings.substeps)
+            physics = BulletPhysics(model, slots, settings.substeps, settings.physics.rotor_reaction)
         running, device = MujocoSlots(batch_loop(loop), physics, parameters, planner), "cpu"
     else:
         devices = check_devices(settings)

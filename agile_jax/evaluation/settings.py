@@ -16,6 +16,8 @@ class PhysicsSettings(Settings):
     """Of C MuJoCo. All but rk4 take the damping of the joints implicitly."""
     cone: Literal["pyramidal", "elliptic"] = "pyramidal"
     """Cone of the ground's friction in C MuJoCo."""
+    rotor_reaction: bool = True
+    """In PyBullet rotors react on the links that carry them, as real ones do; without it, they do not, as in MuJoCo."""
 
 
 class EvaluationSettings(Settings):
@@ -59,10 +61,11 @@ class EvaluationSettings(Settings):
     @model_validator(mode="after")
     def _backend_knows_the_physics(self) -> "EvaluationSettings":
         default = PhysicsSettings()
-        for name, backends in (
-            ("substeps", ("mujoco", "pybullet")),
-            ("integrator", ("mujoco",)),
-            ("cone", ("mujoco",)),
+        for name, *backends in (
+            ("substeps", "mujoco", "pybullet"),
+            ("integrator", "mujoco"),
+            ("cone", "mujoco"),
+            ("rotor_reaction", "pybullet"),
         ):
             value = getattr(self.physics, name)
             if value != getattr(default, name) and self.backend not in backends:

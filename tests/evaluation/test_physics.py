@@ -45,6 +45,7 @@ def test_another_physics_arrives_alike(settings: dict, usual: dict[str, np.ndarr
         ({"backend": "mjx", "physics": {"substeps": 2}}, 'leave it out, or use "mujoco" or "pybullet"'),
         ({"backend": "pybullet", "physics": {"integrator": "rk4"}}, "physics.integrator = 'rk4' has no effect with"),
         ({"backend": "mjx", "physics": {"cone": "elliptic"}}, 'no effect with backend = "mjx"; leave it out, or use'),
+        ({"physics": {"rotor_reaction": False}}, 'no effect with backend = "mujoco"; leave it out, or use "pybullet"'),
         ({"backend": "mjx", "planner": "open_loop"}, 'use "mujoco" or "pybullet"'),
         ({"physics": {"substeps": 0}}, "greater than or equal to 1"),
     ],

@@ -16,16 +16,17 @@ from agile_jax.simulation.physics.host_physics import HostPhysics
 class BulletPhysics(HostPhysics):
     """Episodes in PyBullet; its calls hold the interpreter's lock, so that threads would not help."""
 
-    def __init__(self, model: mujoco.MjModel, batch: int, substeps: int = 1) -> None:
+    def __init__(self, model: mujoco.MjModel, batch: int, substeps: int = 1, rotor_reaction: bool = True) -> None:
         """Allocate the episodes.
 
         Args:
             model: from `robot.build_mujoco_model`.
             batch: n, number of episodes.
             substeps: time steps of the model between two torques.
+            rotor_reaction: whether rotors react on the links that carry them, which they do not in MuJoCo.
         """
         super().__init__(model, batch, substeps)
-        self._worlds = [World() for _ in range(batch)]
+        self._worlds = [World(rotor_reaction) for _ in range(batch)]
 
     def close(self) -> None:
         """End the clients."""

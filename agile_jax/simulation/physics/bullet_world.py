@@ -3,6 +3,7 @@
 import contextlib
 import ctypes
 import os
+import pathlib
 import tempfile
 from collections.abc import Iterator
 from functools import partial
@@ -18,15 +19,15 @@ from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.robot import LEG_NAMES
 from agile_jax.robot.mujoco_model import FLOOR_BIT
 from agile_jax.settings import BadInput
-from agile_jax.simulation.physics.urdf import FOOT, GEAR, ROTOR, robot_urdf
+from agile_jax.simulation.physics.urdf import FOOT, GEAR, ROTOR, write_rotors, write_urdf
 
-SOLVER_ITERATIONS = 50  # Bullet's default; the table of docs/results.md is the same with 200
+SOLVER_ITERATIONS = 50  # Bullet's default; with 300 walks are the same to all digits that are shown of them
 NEVER = 1e6  # a force or a speed that is not reached [N, Nm, rad/s]
 TRUNK = -1  # Bullet's number of a body's first link
 
 
 class Touched(NamedTuple):
-    """What the robot touched during a step, as in `Sensed`."""
+    """What the robot touched in any of some steps, as in `Sensed`."""
 
     obstacle: bool
     floor: bool
@@ -37,14 +38,16 @@ def check_bullet(model: mujoco.MjModel) -> None:
     """Refuse (BadInput) where PyBullet is not installed, or the robot cannot be written as a URDF."""
     if find_spec("pybullet") is None:
         raise BadInput('evaluation.backend = "pybullet" needs PyBullet: pip install "agile_jax[pybullet]"')
-    robot_urdf(model)
+    with tempfile.TemporaryDirectory() as folder:
+        write_urdf(model, pathlib.Path(folder))
 
 
 class World:
     """A client of PyBullet with one robot in its scene."""
 
-    def __init__(self) -> None:
-        self._bullet = _Client()
+    def __init__(self, rotor_reaction: bool = True) -> None:
+        """Args: rotor_reaction: whether rotors react on the links that carry them."""
+        self._bullet, self._rotor_reaction = _Client(), rotor_reaction
 
     def start(self, model: mujoco.MjModel, qpos: Float[np.ndarray, "19"]) -> None:
         """Make the world anew, so that nothing of what was before is left: a robot at rest at coordinates `qpos`.
@@ -69,14 +72,13 @@ class World:
         self._floor = [self._stand(model, geom) for geom in np.flatnonzero(model.geom_contype & FLOOR_BIT).tolist()]
         for geom in np.flatnonzero(model.geom_contype & ~FLOOR_BIT).tolist():
             self._stand(model, geom)
-        with tempfile.NamedTemporaryFile("w", suffix=".urdf") as file:
-            file.write(robot_urdf(model))
-            file.flush()
-            self._robot = bullet.loadURDF(file.name, flags=bullet.URDF_USE_INERTIA_FROM_FILE)
-        self._links = {
-            bullet.getJointInfo(self._robot, link)[12].decode(): link
-            for link in range(bullet.getNumJoints(self._robot))
-        }
+        with tempfile.TemporaryDirectory() as folder:  # another each time: Bullet remembers meshes by their path
+            robot, flags = pathlib.Path(folder), bullet.URDF_USE_INERTIA_FROM_FILE
+            self._robot = bullet.loadURDF(str(write_urdf(model, robot, self._rotor_reaction)), flags=flags)
+            self._rotors = self._robot
+            if not self._rotor_reaction:
+                self._rotors = bullet.loadURDF(str(write_rotors(model, robot)), useFixedBase=1, flags=flags)
+        self._links = self._links_of(self._robot)
         self._joints = [self._links[model.body(int(body)).name] for body in model.jnt_bodyid[1:]]
         self._feet = [self._links[leg + FOOT] for leg in LEG_NAMES]
         self._limit = model.actuator_ctrlrange[:, 1].copy()
@@ -91,11 +93,8 @@ class World:
             torques: of the joints, held; clamped to the limits [Nm].
             push: force on the trunk's centre of mass in the world [N].
             steps: how many.
-
-        Returns:
-            Obstacle and floor in any of the steps, the feet in the last.
         """
-        bullet, obstacle, floor = self._bullet, False, False
+        bullet, touching = self._bullet, set()
         torques = np.clip(torques, -self._limit, self._limit).tolist()
         for _ in range(steps):
             bullet.setJointMotorControlArray(self._robot, self._joints, bullet.TORQUE_CONTROL, forces=torques)
@@ -104,11 +103,13 @@ class World:
                 bullet.applyExternalForce(self._robot, TRUNK, push.tolist(), center, bullet.WORLD_FRAME)
             bullet.stepSimulation()
             # Of the other body, and of the robot's link: those that overlap or push, not those that are near.
-            touching = {(at[2], at[3]) for at in bullet.getContactPoints(self._robot) if at[8] < 0 or at[9] > 0}
-            obstacle |= any(body not in self._floor for body, _ in touching)
-            floor |= any(body in self._floor and link not in self._feet for body, link in touching)
+            touching |= {(at[2], at[3]) for at in bullet.getContactPoints(self._robot) if at[8] < 0 or at[9] > 0}
         links = {link for _, link in touching}
-        return Touched(obstacle, floor, np.array([foot in links for foot in self._feet]))
+        return Touched(
+            obstacle=any(body not in self._floor for body, _ in touching),
+            floor=any(body in self._floor and link not in self._feet for body, link in touching),
+            feet=np.array([foot in links for foot in self._feet]),
+        )
 
     def state(self) -> tuple[Float[np.ndarray, "19"], Float[np.ndarray, "18"]]:
         """Coordinates and velocities as MuJoCo has them: Bullet tells of the trunk's centre of mass and main axes."""
@@ -127,6 +128,11 @@ class World:
         """End the client."""
         self._bullet.disconnect()
 
+    def _links_of(self, body: int) -> dict[str, int]:
+        """Bullet's numbers of a body's links but the first, by their names."""
+        infos = [self._bullet.getJointInfo(body, link) for link in range(self._bullet.getNumJoints(body))]
+        return {info[12].decode(): link for link, info in enumerate(infos)}
+
     def _stand(self, model: mujoco.MjModel, geom: int) -> int:
         """Put a geom of the scene into the world; its number."""
         bullet = self._bullet
@@ -142,10 +148,11 @@ class World:
     def _set_contacts(self, model: mujoco.MjModel) -> None:
         """Friction of the feet, and of nothing else; what passes through the floor."""
         bullet = self._bullet
-        for link in range(TRUNK, len(self._links)):
-            bullet.changeDynamics(
-                self._robot, link, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=NEVER
-            )
+        for body in {self._robot, self._rotors}:
+            for link in range(TRUNK, bullet.getNumJoints(body)):
+                bullet.changeDynamics(
+                    body, link, lateralFriction=0.0, linearDamping=0.0, angularDamping=0.0, maxJointVelocity=NEVER
+                )
         for leg, foot in zip(LEG_NAMES, self._feet, strict=True):
             bullet.changeDynamics(self._robot, foot, lateralFriction=model.geom(leg + FOOT).friction[0])
         for body in range(2, model.nbody):
@@ -157,18 +164,18 @@ class World:
 
     def _set_joints(self, model: mujoco.MjModel) -> None:
         """Damping and dry friction of the joints; their rotors, geared to them."""
-        bullet = self._bullet
+        bullet, rotors = self._bullet, self._links_of(self._rotors)
         for joint, link in enumerate(self._joints, start=1):
             dof = model.jnt_dofadr[joint]
             bullet.changeDynamics(self._robot, link, jointDamping=model.dof_damping[dof])
             friction = float(model.dof_frictionloss[dof])
             bullet.setJointMotorControl2(self._robot, link, bullet.VELOCITY_CONTROL, targetVelocity=0.0, force=friction)
-            rotor = self._links.get(model.joint(joint).name + ROTOR)
+            rotor = rotors.get(model.joint(joint).name + ROTOR)
             if rotor is not None:
-                bullet.setJointMotorControl2(self._robot, rotor, bullet.VELOCITY_CONTROL, force=0.0)
+                bullet.setJointMotorControl2(self._rotors, rotor, bullet.VELOCITY_CONTROL, force=0.0)
                 frame = [0.0, 0.0, 0.0]
                 gear = bullet.createConstraint(
-                    self._robot, rotor, self._robot, link, bullet.JOINT_GEAR, [1.0, 0.0, 0.0], frame, frame
+                    self._rotors, rotor, self._robot, link, bullet.JOINT_GEAR, [1.0, 0.0, 0.0], frame, frame
                 )
                 bullet.changeConstraint(gear, gearRatio=-GEAR, maxForce=NEVER, erp=0.0)
 

@@ -73,6 +73,5 @@ class MujocoPhysics(HostPhysics):
         before, after = np.concatenate([state[:, None], states], 1)[:, -2:].swapaxes(0, 1)
         self._qpos[episodes], self._qvel[episodes] = np.split(after[:, 1:], [self.model.nq], -1)
         self._warmstart[episodes] = ((after - before) / self.model.opt.timestep)[:, 1 + self.model.nq :]
-        obstacle, floor, feet = contact_flags(sensordata, self._slots)
-        for contact, found in zip(self._contacts, (obstacle.any(1), floor.any(1), feet[:, -1]), strict=True):
-            contact[episodes] = found
+        for contact, found in zip(self._contacts, contact_flags(sensordata, self._slots), strict=True):
+            contact[episodes] = found.any(1)

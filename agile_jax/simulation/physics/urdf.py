@@ -3,12 +3,14 @@
 A URDF has no armature. What MuJoCo adds to a joint's inertia is the rotor of its motor, which turns `GEAR` times as
 fast as the joint. Here it is a link beside the joint, hinged to the same parent about the same axis, with the inertia
 armature / GEAR^2; the physics has to gear it to the joint. It has no mass, and its inertia is taken off its parent, so
-that with its rotors held still the robot is that of the model. The rotors' reaction on their parents, which MuJoCo
-leaves out, is there.
+that with its rotors held still the robot is that of the model (but where a file says that a link has less than its
+rotors, as those of Go2 and Aliengo do: it keeps its own). The rotors' reaction on their parents, which MuJoCo leaves
+out, is there. To leave it out, too, rotors can be hinged to the world instead (`write_rotors`).
 
 A foot is a link of its own, fixed to its calf, because it has a friction of its own. Its mass is part of the calf's.
 """
 
+import pathlib
 from xml.etree import ElementTree as Xml
 
 import mujoco
@@ -18,43 +20,69 @@ from jaxtyping import Float
 from agile_jax.geometry import quaternion_to_matrix
 from agile_jax.settings import BadInput
 
-GEAR = 9.0  # turns of a rotor for one of its joint: the A1's. The torque that the joint feels does not depend on it.
+# Turns of a rotor for one of its joint, the same way round: the A1's planetary gears. The inertia that a joint feels
+# does not depend on it; the reaction on the link that carries the rotor does, as armature / GEAR.
+GEAR = 9.0
 ROTOR, FOOT = "_rotor", "_foot"  # ends of the names of rotors and feet
 _UNBOUNDED = 1e6  # effort [Nm] and velocity [rad/s] that a URDF must state; the torques' limits are the caller's
 
 
-def robot_urdf(model: mujoco.MjModel) -> str:
-    """The text of the URDF.
+def write_urdf(model: mujoco.MjModel, folder: pathlib.Path, rotors: bool = True) -> pathlib.Path:
+    """Write the robot's URDF, and its meshes, into a folder.
 
     Args:
         model: from `robot.build_mujoco_model`; its scene is left out.
+        folder: that is there.
+        rotors: whether the robot carries them.
+
+    Returns:
+        The URDF's path.
 
     Raises:
-        BadInput: a shape has no counterpart in a URDF, or a link is lighter than the rotors in it.
+        BadInput: a shape has no counterpart in a URDF.
     """
     robot = Xml.Element("robot", name="robot")
-    inertias = [_inertia(model, body) for body in range(model.nbody)]
-    for joint in range(1, model.njnt):  # the first is the trunk's
-        inertias[model.body_parentid[model.jnt_bodyid[joint]]] -= _rotor_inertia(model, joint) * np.eye(3)
     for body in range(1, model.nbody):
-        link = _link(robot, model.body(body).name, model.body_mass[body], model.body_ipos[body], inertias[body])
+        inertia = _inertia(model, body, rotors)
+        link = _link(robot, model.body(body).name, model.body_mass[body], model.body_ipos[body], inertia)
         for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_conaffinity > 0)).tolist():
             if model.geom(geom).name.endswith(FOOT):
                 link_of_foot = _link(robot, model.geom(geom).name, 0.0, np.zeros(3), np.zeros((3, 3)))
-                _shape(link_of_foot, model, geom, np.zeros(3))
+                _shape(link_of_foot, model, geom, np.zeros(3), folder)
                 _joint(robot, model.body(body).name, model.geom(geom).name, model.geom_pos[geom])
             else:
-                _shape(link, model, geom, model.geom_pos[geom])
-    for joint in range(1, model.njnt):
+                _shape(link, model, geom, model.geom_pos[geom], folder)
+    for joint in range(1, model.njnt):  # the first is the trunk's
         body = int(model.jnt_bodyid[joint])
         parent, child = model.body(model.body_parentid[body]).name, model.body(body).name
         _joint(robot, parent, child, model.body_pos[body], model, joint)
-        if inertia := _rotor_inertia(model, joint):
-            name = model.joint(joint).name + ROTOR
-            _link(robot, name, 0.0, np.zeros(3), inertia * np.eye(3))
-            _joint(robot, parent, name, model.body_pos[body], model, joint, limited=False)
+        if rotors:
+            _rotor(robot, parent, model, joint)
+    return _written(robot, folder)
+
+
+def write_rotors(model: mujoco.MjModel, folder: pathlib.Path) -> pathlib.Path:
+    """Write the URDF of the robot's rotors, all on one base, into a folder; its path."""
+    rotors = Xml.Element("robot", name="rotors")
+    _link(rotors, "base", 1.0, np.zeros(3), np.eye(3))
+    for joint in range(1, model.njnt):
+        _rotor(rotors, "base", model, joint)
+    return _written(rotors, folder)
+
+
+def _written(robot: Xml.Element, folder: pathlib.Path) -> pathlib.Path:
     Xml.indent(robot)
-    return Xml.tostring(robot, encoding="unicode")
+    path = folder / f"{robot.get('name')}.urdf"
+    path.write_text(Xml.tostring(robot, encoding="unicode"))
+    return path
+
+
+def _rotor(robot: Xml.Element, parent: str, model: mujoco.MjModel, joint: int) -> None:
+    """The rotor of a joint, if there is one."""
+    if inertia := _rotor_inertia(model, joint):
+        name = model.joint(joint).name + ROTOR
+        _link(robot, name, 0.0, np.zeros(3), inertia * np.eye(3))
+        _joint(robot, parent, name, model.body_pos[model.jnt_bodyid[joint]], model, joint, limited=False)
 
 
 def _rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
@@ -62,11 +90,15 @@ def _rotor_inertia(model: mujoco.MjModel, joint: int) -> float:
     return float(model.dof_armature[model.jnt_dofadr[joint]]) / GEAR**2
 
 
-def _inertia(model: mujoco.MjModel, body: int) -> Float[np.ndarray, "3 3"]:
-    """About a link's centre of mass, along the link's axes [kg m^2]."""
+def _inertia(model: mujoco.MjModel, body: int, rotors: bool) -> Float[np.ndarray, "3 3"]:
+    """About a link's centre of mass, along the link's axes, without the rotors that it carries [kg m^2]."""
     axes = quaternion_to_matrix(model.body_iquat[body])
-    inertia: np.ndarray = axes * model.body_inertia[body] @ axes.T
-    return inertia
+    own: np.ndarray = axes * model.body_inertia[body] @ axes.T
+    here = [joint for joint in range(1, model.njnt) if model.body_parentid[model.jnt_bodyid[joint]] == body]
+    carried = np.sum([_rotor_inertia(model, joint) for joint in here]) if rotors else 0.0
+    rest: np.ndarray = own - carried * np.eye(3)
+    least, middle, most = np.linalg.eigvalsh(rest)
+    return rest if least > 0 and most <= least + middle else own
 
 
 def _link(
@@ -75,11 +107,7 @@ def _link(
     """A link with its inertia along its principal axes, which Bullet would find with six digits only."""
     moments, axes = np.linalg.eigh(inertia)
     axes[:, 0] *= np.linalg.det(axes)  # a rotation
-    if moments[0] < 0 or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
-        raise BadInput(
-            f"{name}: its inertia {np.diag(inertia).tolist()} kg m^2, without that of the rotors of its joints geared "
-            f"{GEAR:g} to 1, is none that a body can have; the armatures of the robot's file are too large for it"
-        )
+    moments[2] = min(moments[2], moments[0] + moments[1])  # rounding; Bullet would take more for an error, and zero
     link = Xml.SubElement(robot, "link", name=name)
     inertial = Xml.SubElement(link, "inertial")
     _origin(inertial, center, axes)
@@ -111,9 +139,11 @@ def _joint(
         Xml.SubElement(element, "limit", bounds | {"effort": repr(_UNBOUNDED), "velocity": repr(_UNBOUNDED)})
 
 
-def _shape(link: Xml.Element, model: mujoco.MjModel, geom: int, pos: Float[np.ndarray, "3"]) -> None:
-    """What collides."""
-    size = model.geom_size[geom]
+def _shape(
+    link: Xml.Element, model: mujoco.MjModel, geom: int, pos: Float[np.ndarray, "3"], folder: pathlib.Path
+) -> None:
+    """What collides; a mesh, of which its convex hull does, gets a file in the folder."""
+    size, mesh = model.geom_size[geom], f"mesh_{model.geom_dataid[geom]}.obj"
     kinds = {
         mujoco.mjtGeom.mjGEOM_SPHERE: ("sphere", {"radius": repr(float(size[0]))}),
         mujoco.mjtGeom.mjGEOM_CAPSULE: (
@@ -125,17 +155,28 @@ def _shape(link: Xml.Element, model: mujoco.MjModel, geom: int, pos: Float[np.nd
             {"radius": repr(float(size[0])), "length": repr(float(2 * size[1]))},
         ),
         mujoco.mjtGeom.mjGEOM_BOX: ("box", {"size": _text(2 * size)}),
+        mujoco.mjtGeom.mjGEOM_MESH: ("mesh", {"filename": mesh}),
     }
     kind = mujoco.mjtGeom(int(model.geom_type[geom]))
     if kind not in kinds:
         raise BadInput(
             f"{model.geom(geom).name}: its shape {kind.name.removeprefix('mjGEOM_').lower()} has no counterpart in a "
-            'URDF (sphere, capsule, cylinder, box); use evaluation.backend = "mujoco"'
+            'URDF (sphere, capsule, cylinder, box, mesh); use evaluation.backend = "mujoco"'
         )
+    if kind == mujoco.mjtGeom.mjGEOM_MESH:
+        _write_mesh(model, int(model.geom_dataid[geom]), folder / mesh)
     collision = Xml.SubElement(link, "collision")
     _origin(collision, pos, quaternion_to_matrix(model.geom_quat[geom]))
     name, values = kinds[kind]
     Xml.SubElement(Xml.SubElement(collision, "geometry"), name, values)
+
+
+def _write_mesh(model: mujoco.MjModel, mesh: int, path: pathlib.Path) -> None:
+    first, face = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
+    vertices = model.mesh_vert[first : first + model.mesh_vertnum[mesh]]
+    faces = 1 + model.mesh_face[face : face + model.mesh_facenum[mesh]]
+    lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()] + [f"f {a} {b} {c}" for a, b, c in faces.tolist()]
+    path.write_text("\n".join([*lines, ""]))
 
 
 def _origin(element: Xml.Element, pos: Float[np.ndarray, "3"], rotation: Float[np.ndarray, "3 3"]) -> None:
