@@ -24,6 +24,13 @@ def rotation_2d(yaw: Float[AnyArray, "*shape"] | float, xp: ModuleType = np) -> 
     return xp.stack([xp.stack([c, -s], -1), xp.stack([s, c], -1)], -2)
 
 
+def inverse_3x3(matrix: Float[AnyArray, "*shape 3 3"], xp: ModuleType = np) -> Float[AnyArray, "*shape 3 3"]:
+    """Inverse by cofactors: unlike a call of LAPACK for each, it runs over a whole batch at once."""
+    a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]  # columns
+    bc, ca, ab = xp.cross(b, c), xp.cross(c, a), xp.cross(a, b)
+    return xp.stack([bc, ca, ab], -2) / xp.sum(a * bc, -1)[..., None, None]
+
+
 def support(
     half: Float[AnyArray, "2"],
     normal: Float[AnyArray, "*#shape 2"],

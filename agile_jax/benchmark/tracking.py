@@ -87,17 +87,13 @@ def benchmark_tracking(
     rows: dict[str, Result] = {}
     rows_in_all = len(TRACKING) + len(ROBUSTNESS)
     robot = load_robot(experiment.robot)
-    controller = make_controller(robot, experiment.control)
-    undisturbed = tracking_loop(robot, experiment.control, UNDISTURBED, controller)
+    undisturbed = tracking_loop(robot, experiment.control, UNDISTURBED, make_controller(robot, experiment.control))
     jobs = [(name, ranges, UNDISTURBED, duration) for name, ranges in TRACKING.items()]
     jobs += [(name, NOMINAL, disturbance, disturbed_duration) for name, disturbance in ROBUSTNESS.items()]
     for done, (name, ranges, disturbance, seconds) in enumerate(jobs):
         progress("tracking", done, rows_in_all, name)
-        loop = undisturbed
-        if disturbance != UNDISTURBED:
-            loop = tracking_loop(robot, experiment.control, disturbance, controller)
         columns = track_commands(
-            loop,
+            undisturbed.disturbed(disturbance),
             random_commands(episodes, experiment.seed, *ranges),
             seconds,
             experiment.robot,

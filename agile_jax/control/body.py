@@ -7,8 +7,16 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from agile_jax.control.mpc.centroidal import BodyState
+from agile_jax.control.torques import joint_motion
 from agile_jax.geometry import quaternion_to_matrix, quaternion_to_rpy, rotation_2d, wrap_angle
-from agile_jax.robot import RobotModel, RobotState, composite_inertia
+from agile_jax.robot import (
+    RobotModel,
+    RobotState,
+    composite_inertia,
+    leg_forward_kinematics,
+    leg_jacobian,
+    link_poses,
+)
 
 
 class Reference(NamedTuple):
@@ -20,6 +28,18 @@ class Reference(NamedTuple):
     velocities: Float[Array, "N 4"]
 
 
+def slowed(reference: Reference, top: Float[Array, ""]) -> Reference:
+    """The same way at no more than a top speed in the plane [m/s]."""
+    fastest = jnp.sqrt(jnp.sum(reference.velocities[:, :2] ** 2, -1)).max()
+    share = jnp.minimum(1.0, top / jnp.maximum(fastest, 1e-6))
+    return Reference(
+        reference.pose,
+        share * reference.velocity,
+        reference.pose + share * (reference.poses - reference.pose),
+        share * reference.velocities,
+    )
+
+
 class Body(NamedTuple):
     """The measured state of the robot as one rigid body."""
 
@@ -29,7 +49,7 @@ class Body(NamedTuple):
     com_world: Float[Array, "3"]  # [m]
     com_velocity_world: Float[Array, "3"]  # [m/s]
     mass: Float[Array, ""]  # [kg]
-    inertia_base: Float[Array, "3 3"]  # about the centre of mass [kg m^2]
+    inertia_base: Float[Array, "3 3"]  # of turning over the feet, about the centre of mass [kg m^2]
     com_base: Float[Array, "3"]  # [m]
 
 
@@ -41,7 +61,7 @@ def measure(robot: RobotModel, state: RobotState) -> Body:
     def center(joint_pos: jax.Array) -> jax.Array:
         return composite_inertia(robot, joint_pos)[1]
 
-    mass, com_base, inertia = composite_inertia(robot, state.joint_pos)
+    mass, com_base, _ = composite_inertia(robot, state.joint_pos)
     _, com_rate = jax.jvp(center, (state.joint_pos,), (state.joint_vel,))
     velocity = state.base_lin_vel_world + R_world_base @ (jnp.cross(state.base_ang_vel_base, com_base) + com_rate)
     return Body(
@@ -51,9 +71,43 @@ def measure(robot: RobotModel, state: RobotState) -> Body:
         state.base_pos + R_world_base @ com_base,
         velocity,
         mass,
-        inertia,
+        turning_inertia(robot, state.joint_pos, com_base),
         com_base,
     )
+
+
+def turning_inertia(robot: RobotModel, joint_pos: Float[Array, "12"], center: Float[Array, "3"]) -> Float[Array, "3 3"]:
+    """What the feet's moments turn: the inertia about `center` with the feet held where they are [kg m^2].
+
+    The joints give way when the trunk turns over its feet, J q' = -w x r, so the legs do not turn with it, but the
+    rotors do, q' times: kinetic energy is w' I w / 2. It is what a moment of the feet's forces f accelerates, since the
+    joints get -J' f. The inertia of the posture as one rigid body is up to five times as large for rolling, and a loop
+    of 50 Hz that believes it is unstable where no rotor makes up for the difference.
+
+    Args:
+        robot: constants.
+        joint_pos: [rad].
+        center: in the base frame [m].
+    """
+    axes = jnp.eye(3)
+    feet = leg_forward_kinematics(robot, joint_pos) - center
+    rates = joint_motion(leg_jacobian(robot, joint_pos), -jnp.swapaxes(jnp.cross(axes[:, None], feet), 0, 1).mT)
+    rates = rates.reshape(-1, 3).T  # of the joints, for a turn about each axis (3, 12)
+
+    def place(q: jax.Array) -> tuple[jax.Array, jax.Array]:
+        poses = link_poses(robot, q)
+        return poses.pos + jnp.einsum("bij,bj->bi", poses.rotation, robot.link_coms), poses.rotation
+
+    def motion(axis: jax.Array, rate: jax.Array) -> tuple[jax.Array, jax.Array]:
+        (com, rotation), (slide, turn) = jax.jvp(place, (joint_pos,), (rate,))
+        own = jnp.einsum("bji,bjk->bik", rotation, turn)  # the skew matrix of the turning, in the link's axes
+        spin = jnp.stack([own[:, 2, 1], own[:, 0, 2], own[:, 1, 0]], -1) + axis @ rotation
+        return jnp.cross(axis, com - center) + slide, spin
+
+    linear, angular = jax.vmap(motion)(axes, rates)
+    whole = jnp.einsum("b,ibk,jbk->ij", robot.link_masses, linear, linear)
+    whole += jnp.einsum("ibk,bkl,jbl->ij", angular, robot.link_inertias, angular)
+    return whole + (rates * robot.joint_armature) @ rates.T
 
 
 def body_in_yaw_frame(robot_state: RobotState, body: Body) -> BodyState:

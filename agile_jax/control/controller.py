@@ -10,11 +10,11 @@ from typing import NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, PyTree
+from jaxtyping import Array, Bool, Float, PyTree
 
 from agile_jax import plugins
-from agile_jax.control import gait, torques
-from agile_jax.control.body import Body, Reference, measure
+from agile_jax.control import gait, joint_model, torques
+from agile_jax.control.body import Body, Reference, measure, slowed
 from agile_jax.control.diagnostics import Diagnostics, after_act, after_plan, no_diagnostics
 from agile_jax.control.footholds import plan_footholds, plan_support
 from agile_jax.control.interface import Controller
@@ -52,6 +52,8 @@ class ControllerState(NamedTuple):
     velocity_planar: Float[Array, "2"]  # measured velocity of the centre of mass at the last plan, world [m/s]
     forces_world: Float[Array, "4 3"]  # planned forces of the ground on the feet [N]
     integral: Float[Array, "3"]  # correction of height [m], roll, pitch [rad]
+    trunk_velocity: Float[Array, "4"]  # of the reference at the last plan [m/s, rad/s]
+    joints: joint_model.JointModel
     warm_start: cascade.WarmStart
     diagnostics: Diagnostics
 
@@ -64,6 +66,8 @@ class Plan(NamedTuple):
     gait: gait.Gait
     footholds_world: Float[Array, "4 3"]  # [m]
     integral: Float[Array, "3"]  # correction of height [m], roll, pitch [rad]
+    joints: joint_model.JointModel
+    trunk_velocity: Float[Array, "4"]  # of the reference [m/s, rad/s]
 
 
 @dataclasses.dataclass(frozen=True, eq=False)
@@ -102,6 +106,8 @@ class MpcController:
             velocity_planar=jnp.zeros(2),
             forces_world=jnp.zeros((4, 3)).at[:, 2].set(weight / 4),
             integral=jnp.zeros(3),
+            trunk_velocity=jnp.zeros(4),
+            joints=joint_model.nothing_learned(self.robot, robot_state),
             warm_start=cascade.cold_start(self.settings.mpc.horizon),
             diagnostics=no_diagnostics(),
         )
@@ -123,7 +129,7 @@ class MpcController:
         Returns:
             The state with the planned forces (4, 3) [N]. Without a solution the forces are those of the last plan.
         """
-        qp, body, clock, footholds, integral = self._prepare(state, robot_state, reference)
+        qp, body, clock, footholds, integral, joints, trunk_velocity = self._prepare(state, robot_state, reference)
         mpc = self.settings.mpc
         solution = self.solve(qp, cascade.shift(state.warm_start, self.settings.plan_dt / mpc.mpc_dt))
         forces_world = solution.forces[0].reshape(4, 3) @ body.R_world_yaw.T
@@ -135,6 +141,8 @@ class MpcController:
             velocity_planar=body.com_velocity_world[:2],
             forces_world=forces_world,
             integral=integral,
+            trunk_velocity=trunk_velocity,
+            joints=joints,
             warm_start=solution.warm_start,
             diagnostics=after_plan(state.diagnostics, solution, forces_world, qp.friction, qp.force_max),
         )
@@ -150,27 +158,32 @@ class MpcController:
         Returns:
             The state, and the torques of the joints, inside their limits, legs FR, FL, RR, RL [Nm].
         """
-        robot, settings, clock = self.robot, self.settings, state.gait
+        robot, settings, clock = state.joints.told(self.robot), self.settings, state.gait
         R_world_base = quaternion_to_matrix(robot_state.base_quat, jnp)
         feet_world = self._feet_world(robot_state, R_world_base)
         by_clock = gait.scheduled(settings.gait, clock)
         lift_off = jnp.where(by_clock[:, None], feet_world, state.lift_off_world)
         # A foot that landed early follows its path until the next plan gives it a force.
         bears = clock.landed & (by_clock | (state.forces_world[:, 2] > 0))
+        rotors = jax.vmap(jnp.diag)((robot.joint_armature - self.robot.joint_armature).reshape(4, 3))
         wanted = torques.whole_body_torque(
             robot,
             settings,
-            self.leg_inertia,
+            self.leg_inertia + rotors,
             robot_state,
             R_world_base,
             bears,
             state.forces_world,
+            state.trunk_velocity,
             self._swing(state, robot_state, lift_off),
         )
         torque = jnp.clip(wanted, -robot.torque_limit, robot.torque_limit)
         diagnostics = after_act(state.diagnostics, robot, robot_state.joint_pos, wanted, torque, bears)
         following = gait.advance(settings.gait, clock, settings.control_dt, robot_state.foot_contact)
-        return state._replace(gait=following, lift_off_world=lift_off, diagnostics=diagnostics), torque
+        joints = joint_model.record(
+            state.joints, robot_state, torque, self._free(robot_state, bears), settings.control_dt
+        )
+        return state._replace(gait=following, lift_off_world=lift_off, joints=joints, diagnostics=diagnostics), torque
 
     def diagnostics(self, state: ControllerState) -> Diagnostics:
         """The last solution of the MPC, saturated torques, and counts of what went wrong since `init`."""
@@ -178,7 +191,11 @@ class MpcController:
 
     def _prepare(self, state: ControllerState, robot_state: RobotState, reference: Reference) -> Plan:
         settings, mpc = self.settings, self.settings.mpc
-        body = measure(self.robot, robot_state)
+        free = self._free(robot_state, state.gait.landed)
+        joints = joint_model.learn(self.robot, state.joints, robot_state, free, settings.plan_dt)
+        robot, stands = joints.told(self.robot), gait.duty(settings.gait, state.gait)
+        reference = slowed(reference, joint_model.top_speed(robot, robot_state.base_pos[2], stands))
+        body = measure(robot, robot_state)
         feet = self._feet_world(robot_state, body.R_world_base)
         rest = at_rest(
             state.gait.stand, body, robot_state, feet, self.nominal_feet, reference, settings.gait.stand_speed
@@ -186,7 +203,7 @@ class MpcController:
         # The height to come counts, not the present one.
         height = jnp.minimum(robot_state.base_pos[2], reference.poses[:, 2].min())
         window = jnp.stack([jnp.interp(height, self.strides.height, ends) for ends in self.strides[1:]])
-        longest = longest_stride(window[0], window[1], gait.duty(settings.gait, state.gait), jnp)
+        longest = longest_stride(window[0], window[1], stands, jnp)
         clock = gait.schedule(settings.gait, state.gait, planar_speed(reference).max(), longest, rest, settings.plan_dt)
         footholds = plan_footholds(self.robot, settings, window, self.nominal_feet, clock, robot_state, body, reference)
         late = gait.late(settings.gait, clock)  # it still comes down to where it should have landed
@@ -200,8 +217,8 @@ class MpcController:
         elapsed = settings.plan_dt / 2 + mpc.mpc_dt * jnp.arange(mpc.horizon)
         contact = gait.contacts_ahead(settings.gait, clock, elapsed).astype(jnp.float32)
         support = plan_support(settings.gait, clock, elapsed, feet, footholds, reference)
-        qp = robot_qp(self.constants, mpc, self.robot, robot_state, body, reference, integral, support, contact)
-        return Plan(qp, body, clock, footholds, integral)
+        qp = robot_qp(self.constants, mpc, robot, robot_state, body, reference, integral, support, contact)
+        return Plan(qp, body, clock, footholds, integral, joints, reference.velocity)
 
     def _swing(self, state: ControllerState, robot_state: RobotState, lift_off: jax.Array) -> torques.SwingTarget:
         """The paths of the feet; a foot that is late reaches down until it touches the ground."""
@@ -215,6 +232,10 @@ class MpcController:
             gait.swing_duration(settings, clock),
             *fall(gait.late_by(settings, clock)),
         )
+
+    def _free(self, robot_state: RobotState, standing: Bool[Array, "4"]) -> Bool[Array, "4"]:
+        """Which legs touch nothing; those in the air by the gait, where they cannot feel."""
+        return ~standing if robot_state.foot_contact is None else ~(standing | robot_state.foot_contact)
 
     def _feet_world(self, robot_state: RobotState, R_world_base: jax.Array) -> jax.Array:
         """Centres of the feet, shape (4, 3) [m]."""

@@ -13,20 +13,24 @@ import numpy as np
 from jaxtyping import Array, Bool, Float
 
 from agile_jax.arrays import AnyArray
+from agile_jax.control.joint_model import passive_torque
 from agile_jax.control.settings import ControlSettings
 from agile_jax.control.swing import swing_path
+from agile_jax.geometry import inverse_3x3
 from agile_jax.robot import (
     GRAVITY,
     RobotModel,
     RobotState,
     composite_inertia,
+    leg_forward_kinematics,
     leg_inverse_kinematics,
     leg_jacobian,
     link_poses,
 )
 
-FRICTION_BLEND = 0.3  # joint speed over which dry friction is compensated smoothly [rad/s]
 JACOBIAN_DAMPING = 0.02  # of the inverse near a stretched leg [m/rad]
+
+STANCE_SHARE, SWING_SHARE = 0.0, 1.0
 
 # Of the guard before the joints' limits: how far it looks ahead [s], where it begins [rad], stiffness over the swing's.
 GUARD_TIME, GUARD_MARGIN, GUARD_STIFFNESS = 0.01, 0.02, 5.0
@@ -58,11 +62,6 @@ def gravity_torque(
     return jax.grad(energy)(joint_pos)
 
 
-def passive_torque(robot: RobotModel, joint_vel: Float[Array, "12"]) -> Float[Array, "12"]:
-    """Torque that damping and dry friction of the joints take [Nm]."""
-    return robot.joint_damping * joint_vel + robot.joint_friction * jnp.tanh(joint_vel / FRICTION_BLEND)
-
-
 def stance_torque(jacobian: Float[Array, "4 3 3"], forces_base: Float[Array, "4 3"]) -> Float[Array, "12"]:
     """The torques -J' f of standing legs under forces of the ground f [N]. In [Nm]."""
     return -jnp.einsum("lij,li->lj", jacobian, forces_base).reshape(-1)
@@ -85,11 +84,28 @@ def swing_joint_target(
     relative = (velocity - robot_state.base_lin_vel_world) @ R_world_base
     relative -= jnp.cross(robot_state.base_ang_vel_base, foot_base)
     joint_pos = leg_inverse_kinematics(robot, foot_base)
-    # Damped least squares: near a stretched leg the plain inverse is unbounded.
-    gram = jnp.einsum("lij,lkj->lik", jacobian, jacobian) + JACOBIAN_DAMPING**2 * jnp.eye(3)
     wanted = jnp.stack([relative, acceleration @ R_world_base], -1)  # (4, 3, 2)
-    joint_vel, joint_acc = jnp.moveaxis(jnp.einsum("lji,ljk->lik", jacobian, jnp.linalg.solve(gram, wanted)), -1, 0)
+    joint_vel, joint_acc = jnp.moveaxis(joint_motion(jacobian, wanted), -1, 0)
     return joint_pos, joint_vel.reshape(-1), joint_acc.reshape(-1)
+
+
+def joint_motion(jacobian: Float[Array, "4 3 3"], foot_motion: Float[Array, "4 3 k"]) -> Float[Array, "4 3 k"]:
+    """Joint velocities of feet's. By damped least squares: near a stretched leg the plain inverse is unbounded."""
+    gram = jnp.einsum("lij,lkj->lik", jacobian, jacobian) + JACOBIAN_DAMPING**2 * jnp.eye(3)
+    return jnp.einsum("lji,ljm,lmk->lik", jacobian, inverse_3x3(gram, jnp), foot_motion)
+
+
+def stance_joint_velocity(
+    robot: RobotModel,
+    robot_state: RobotState,
+    R_world_base: Float[Array, "3 3"],
+    jacobian: Float[Array, "4 3 3"],
+    velocity: Float[Array, "4"],
+) -> Float[Array, "12"]:
+    """Joint velocities of standing legs under a trunk that moves with a velocity [m/s, rad/s]. In [rad/s]."""
+    feet = leg_forward_kinematics(robot, robot_state.joint_pos)
+    relative = -(velocity[:3] @ R_world_base + jnp.cross(velocity[3] * R_world_base[2], feet))
+    return joint_motion(jacobian, relative[..., None]).reshape(-1)
 
 
 def leg_inertia(robot: RobotModel, joint_pos: Float[np.ndarray, "12"]) -> Float[np.ndarray, "4 3 3"]:
@@ -132,6 +148,7 @@ def whole_body_torque(
     R_world_base: Float[Array, "3 3"],
     standing: Bool[Array, "4"],
     forces_world: Float[Array, "4 3"],
+    trunk_velocity: Float[Array, "4"],
     swing: SwingTarget,
 ) -> Float[Array, "12"]:
     """Torques that the planned forces and paths ask of the joints, limits aside [Nm].
@@ -142,6 +159,7 @@ def whole_body_torque(
         R_world_base: measured.
         standing: which feet stand.
         forces_world: planned forces of the ground on the feet [N].
+        trunk_velocity: planned, of x, y, z and yaw in the world [m/s, rad/s].
         swing: the paths of the feet in the air.
     """
     jacobian = leg_jacobian(robot, robot_state.joint_pos)  # (4, 3, 3) base frame
@@ -151,6 +169,9 @@ def whole_body_torque(
     pd += settings.swing_damping * (target_vel - robot_state.joint_vel)
     pd += jnp.einsum("lij,lj->li", inertia, target_acc.reshape(4, 3)).reshape(-1)
     pd += limit_guard(robot, robot_state.joint_pos, robot_state.joint_vel, settings.swing_stiffness)
-    torque = jnp.where(jnp.repeat(standing, 3), stance, pd)
-    torque += gravity_torque(robot, robot_state.joint_pos, R_world_base)
-    return torque + passive_torque(robot, robot_state.joint_vel)
+    stands = jnp.repeat(standing, 3)
+    planned = stance_joint_velocity(robot, robot_state, R_world_base, jacobian, trunk_velocity)
+    torque = jnp.where(stands, stance, pd) + gravity_torque(robot, robot_state.joint_pos, R_world_base)
+    share = jnp.where(stands, STANCE_SHARE, SWING_SHARE)
+    velocity = share * robot_state.joint_vel + (1 - share) * jnp.where(stands, planned, target_vel)
+    return torque + passive_torque(robot, velocity)

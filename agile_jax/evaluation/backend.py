@@ -217,4 +217,4 @@ def _planner(experiment: Experiment, scene: Scene, slots: int) -> ExpertPlanner 
     if evaluation.planner == "open_loop_2d":
         expert, scene = expert.model_copy(update={"dimensions": "2d"}), planar_scene(scene)
     interval = evaluation.replan_interval if evaluation.planner == "replan" else None
-    return ExpertPlanner(scene, expert, slots, interval)
+    return ExpertPlanner(scene, expert, slots, interval, experiment.control.lead_limit[0])

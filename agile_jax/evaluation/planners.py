@@ -18,12 +18,23 @@ class ExpertPlanner:
     The first is planned from rest; the next ones, every `interval`, from the measured pose with the best initial
     velocity, as the policy's labels are. Where the expert finds no path (the robot may be nearer to an obstacle than
     the margin), the last one is followed on; without any, the robot stays where it is.
+
+    A path that is planned once waits for a robot that has fallen behind: its heights belong to its places, and by the
+    clock alone a robot that is late would stand up under a table.
     """
 
-    def __init__(self, scene: Scene, settings: ExpertSettings, slots: int, interval: float | None) -> None:
-        """Args: scene, settings: of the expert; slots: n; interval: between two plans [s], None plans once."""
+    def __init__(self, scene: Scene, settings: ExpertSettings, slots: int, interval: float | None, lead: float) -> None:
+        """Plan nothing yet.
+
+        Args:
+            scene, settings: of the expert.
+            slots: n.
+            interval: between two plans [s]; None plans once.
+            lead: how far a reference may be ahead of the robot in the plane; a path waits at twice that [m].
+        """
         self._scene, self._settings, self._interval = scene, settings, interval
-        self._expert = make_expert(scene, settings)
+        self._expert, self._lead = make_expert(scene, settings), lead
+        self._now = np.zeros(slots)  # the episodes' clocks at the last plan [s]
         nodes = settings.nodes + 1
         self._paths = TimedPath(
             np.tile(np.arange(nodes, dtype=float), (slots, 1)),
@@ -42,6 +53,7 @@ class ExpertPlanner:
         """Plan for new episodes from rest."""
         for slot, pose in zip(slots, poses, strict=True):
             self._paths.times[slot] = np.arange(self._paths.times.shape[1])
+            self._now[slot] = 0.0
             self._paths.poses[slot], self._paths.rates[slot], self._paths.begun[slot] = pose, 0.0, 0.0
             self._plan(int(slot), pose, 0.0, "rest")
 
@@ -50,10 +62,22 @@ class ExpertPlanner:
     ) -> None:
         """Plan again for those whose path is old enough."""
         if self._interval is None:
+            self._wait(poses, times, active & np.isfinite(poses).all(-1))
             return
         due = active & (times - self._paths.begun >= self._interval - 1e-6) & np.isfinite(poses).all(-1)
         for slot in np.flatnonzero(due):
             self._plan(int(slot), poses[slot], float(times[slot]), "free")
+
+    def _wait(
+        self, poses: Float[np.ndarray, "n 4"], times: Float[np.ndarray, " n"], active: Bool[np.ndarray, " n"]
+    ) -> None:
+        """Stop the clocks of paths that are too far ahead."""
+        elapsed, self._now = times - self._now, times.copy()
+        for slot in np.flatnonzero(active):
+            since = times[slot] - self._paths.begun[slot]
+            ahead = [np.interp(since, self._paths.times[slot], self._paths.poses[slot, :, i]) for i in range(2)]
+            if np.hypot(*(ahead - poses[slot, :2])) > 2 * self._lead:
+                self._paths.begun[slot] += elapsed[slot]
 
     def _plan(self, slot: int, pose: Float[np.ndarray, "4"], now: float, initial_velocity: InitialVelocity) -> None:
         pose = np.clip(pose, self._scene.lower + INSET, self._scene.upper - INSET)

@@ -21,7 +21,7 @@ from agile_jax.benchmark.workloads.disturbance import (
 from agile_jax.benchmark.workloads.tracking import UNDISTURBED, TrackingLoop, track_commands, tracking_loop
 from agile_jax.control import ControlSettings, make_mpc_controller
 from agile_jax.geometry import quaternion_to_rpy
-from agile_jax.robot import PlantSettings, RobotSettings, build_mujoco_model, load_robot, plant_model
+from agile_jax.robot import PlantSettings, RobotSettings, build_mujoco_model, draw_plants, load_robot, plant_model
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
 
@@ -63,6 +63,18 @@ def test_commands_are_met_and_standing_does_not_drift():
         assert np.array(seen[-1][1].landed[still]).all()
     yaw = np.unwrap([quaternion_to_rpy(qpos[1, 3:7])[2] for qpos, _ in seen])
     assert (yaw[-1] - yaw[74]) / 1.5 == pytest.approx(0.8, abs=0.05)
+
+
+def test_joints_and_rotors_that_the_controller_is_not_told_of_change_little():
+    """With all of the believed damping fed back, the first fell; without rotors, the MPC's own roll threw over all."""
+    commands = Command(np.tile([0.8, 0.0], (5, 1)), np.zeros(5), np.full(5, 0.17))
+    joints = np.array([0.75, 0.0, 1.0, 2.0, 0.0])
+    plants = draw_plants(PlantSettings(), (0,), np.arange(5))
+    plants = plants._replace(joint_damping=joints, joint_friction=joints, armature=np.array([1.0, 1.0, 0.0, 2.0, 0.0]))
+    columns = track(commands, 3.0, plants=plants)
+    assert summary(columns)["survived"] == 5
+    assert columns["height_error_max"].max() < 0.015
+    assert columns["velocity_rms"][[0, 1, 2, 4]].max() < 0.12
 
 
 def test_a_robot_that_hardly_moves_steps_before_it_leans_off_its_feet():

@@ -28,7 +28,7 @@ from agile_jax.benchmark.workloads.disturbance import (
 from agile_jax.benchmark.workloads.tally import Tally, columns, empty_tally, update_tally
 from agile_jax.control import Controller, ControlSettings, Diagnostics
 from agile_jax.progress import Progress, silent
-from agile_jax.robot import RobotModel, RobotSettings, build_mujoco_model, standing_qpos, trunk_pose
+from agile_jax.robot import Plant, RobotModel, RobotSettings, build_mujoco_model, standing_qpos, trunk_pose
 from agile_jax.scene import SceneSettings, make_scene
 from agile_jax.simulation import MujocoPhysics, Sensed
 from agile_jax.simulation.closed_loop import counted_while
@@ -147,6 +147,13 @@ class TrackingLoop:
         """Time steps between two plans."""
         return round(self.one.settings.plan_dt / self.one.settings.control_dt)
 
+    def disturbed(self, disturbance: Disturbance) -> "TrackingLoop":
+        """The loop under a disturbance, compiled anew only where it is one of the loop and not of the physics."""
+        one, new = self.one, dataclasses.replace(self.one, disturbance=disturbance)
+        if (one.disturbance.noise, one.disturbance.torque_noise) == (disturbance.noise, disturbance.torque_noise):
+            return dataclasses.replace(self, one=new)
+        return tracking_loop(one.robot, one.settings, disturbance, one.controller)
+
 
 def tracking_loop(
     robot: RobotModel,
@@ -182,6 +189,7 @@ def track_commands(
     threads: int = 2,
     progress: Progress = silent,
     watch: Callable[[Sensed, Tracked], None] | None = None,
+    plants: Plant | None = None,
 ) -> dict[str, np.ndarray]:
     """Run one episode for each command, all at once.
 
@@ -195,6 +203,7 @@ def track_commands(
         threads: of the physics.
         progress: is told of the plans done.
         watch: called after every plan period with what is sensed and the states.
+        plants: the robots; by default the disturbance draws them.
 
     Returns:
         Columns of n: fall_time [s], velocity_rms [m/s], velocity_bias (n, 2), yaw_rate_rms, height_error_max [m],
@@ -214,7 +223,7 @@ def track_commands(
             sensed = physics.step(np.asarray(states.torque, np.float64), active, push)
             return (steps + 1, sensed), sensed
 
-        plants = disturbed_plants(disturbance, draws)
+        plants = disturbed_plants(disturbance, draws) if plants is None else plants
         sensed = physics.reset(np.repeat(np.asarray(start)[None], count, 0), None, plants)
         world, states = (0, sensed), loop.init(sensed, as_float32(commands), draws)
         for k in range(plans):

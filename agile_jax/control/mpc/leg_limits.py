@@ -31,8 +31,10 @@ import jax.numpy as jnp
 from jaxtyping import Array, Float
 
 from agile_jax.control.body import Body, Reference, rotation_z
+from agile_jax.control.joint_model import passive_torque
 from agile_jax.control.mpc.centroidal import AXES, cross_matrix
-from agile_jax.control.torques import gravity_torque, passive_torque
+from agile_jax.control.torques import gravity_torque
+from agile_jax.geometry import inverse_3x3
 from agile_jax.robot import RobotModel, RobotState, leg_forward_kinematics, leg_inverse_kinematics, leg_jacobian
 
 DAMPING = 2e-3  # of the inverse Jacobian near a stretched leg [m/rad]
@@ -98,14 +100,7 @@ def damped_inverse(jacobian: jax.Array) -> jax.Array:
     """(J'J + e^2)^-1 J', bounded near a stretched leg. Shape (..., 3, 3)."""
     transposed = jnp.swapaxes(jacobian, -1, -2)
     gram = transposed @ jacobian + DAMPING**2 * jnp.eye(3)
-    return inverse_3x3(gram) @ transposed
-
-
-def inverse_3x3(matrix: jax.Array) -> jax.Array:
-    """Inverse by cofactors: unlike a call of LAPACK for each, it runs over a whole batch at once. Shape (..., 3, 3)."""
-    a, b, c = matrix[..., 0], matrix[..., 1], matrix[..., 2]  # columns
-    bc, ca, ab = jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)
-    return jnp.stack([bc, ca, ab], -2) / jnp.sum(a * bc, -1)[..., None, None]
+    return inverse_3x3(gram, jnp) @ transposed
 
 
 def torque_rows(
@@ -121,25 +116,24 @@ def torque_rows(
     """
     matrix = jnp.einsum("klij,kim->kljm", begin.jacobian, begin.R_base_yaw)
     feed_forward = gravity_torque(robot, robot_state.joint_pos, body.R_world_base)
-    velocity = nominal_joint_velocity(robot_state, body, reference, begin)
+    velocity = nominal_joint_velocity(body, reference, begin)
     feed_forward += jax.vmap(passive_torque, (None, 0))(robot, velocity)
     lower = jnp.minimum(feed_forward - robot.torque_limit, 0.0)
     upper = jnp.maximum(feed_forward + robot.torque_limit, 0.0)
     return TorqueRows(matrix, lower.reshape(matrix.shape[:-1]), upper.reshape(matrix.shape[:-1]))
 
 
-def nominal_joint_velocity(robot_state: RobotState, body: Body, reference: Reference, begin: Nominal) -> jax.Array:
-    """Joint velocities at the beginnings of the N steps: measured, then of standing feet under the reference.
+def nominal_joint_velocity(body: Body, reference: Reference, begin: Nominal) -> jax.Array:
+    """Joint velocities of standing feet under the reference, at the beginnings of the N steps.
 
     Returns:
         Shape (N, 12) [rad/s].
     """
-    velocities = reference.velocities[:-1]
-    levers = begin.levers[1:]
+    velocities = jnp.concatenate([reference.velocity[None], reference.velocities[:-1]])
+    levers = begin.levers
     turning = velocities[:, 3, None, None] * jnp.stack([-levers[..., 1], levers[..., 0], 0 * levers[..., 0]], -1)
-    foot = -((velocities[:, :3] @ body.R_world_yaw)[:, None] + turning)  # (N - 1, 4, 3) seen from the trunk, yaw frame
-    later = jnp.einsum("klij,kjm,klm->kli", begin.jacobian_inverse[1:], begin.R_base_yaw[1:], foot)
-    return jnp.concatenate([robot_state.joint_vel[None], later.reshape(-1, 12)])
+    foot = -((velocities[:, :3] @ body.R_world_yaw)[:, None] + turning)  # (N, 4, 3) seen from the trunk, yaw frame
+    return jnp.einsum("klij,kjm,klm->kli", begin.jacobian_inverse, begin.R_base_yaw, foot).reshape(-1, 12)
 
 
 def joint_rows(robot: RobotModel, end: Nominal, contact: jax.Array, margin: float) -> JointRows:

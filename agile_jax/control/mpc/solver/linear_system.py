@@ -20,9 +20,9 @@ import jax
 import jax.numpy as jnp
 from jaxtyping import Array, Float
 
-from agile_jax.control.mpc.leg_limits import inverse_3x3
 from agile_jax.control.mpc.problem import MpcConstants
 from agile_jax.control.mpc.solver.scaled_qp import ScaledQp, foot_matvec
+from agile_jax.geometry import inverse_3x3
 
 
 class Multipliers(NamedTuple):
@@ -53,7 +53,7 @@ def factorise(constants: MpcConstants, qp: ScaledQp, foot: jax.Array, joint_weig
         joint_weight: W, shape (N, 12).
     """
     nodes = len(qp.linear)
-    foot = inverse_3x3(foot)
+    foot = inverse_3x3(foot, jnp)
     wrench_foot = jnp.stack([foot_matvec(foot, qp.force_map[:, axis]) for axis in range(6)], 1)  # B D^-1
     S = jnp.einsum("kif,kjf->kij", wrench_foot.reshape(nodes, 6, 12), qp.force_map.reshape(nodes, 6, 12))
     weights = jnp.einsum("kia,ki,kib->kab", qp.joint.map, joint_weight, qp.joint.map)  # (N, 6, 6)
