@@ -17,8 +17,8 @@ from agile_jax.interruption import interruptible_progress
 from agile_jax.settings import BadInput, Count, Pose, Settings
 
 
-class RunOptions(Settings):
-    """How to run; nothing here changes a result."""
+class WorkOptions(Settings):
+    """How to work; nothing here changes a result."""
 
     run_dir: pathlib.Path | None = None
     """Where to write; the RUN_DIR that is named, or runs/NAME."""
@@ -26,12 +26,17 @@ class RunOptions(Settings):
     """Worker processes of the local engine; one a core if not given."""
     engine: str = "local"
     """Who does the work: local, inline (this process), or tcp://HOST:PORT of a Dask scheduler."""
+    dry_run: bool = False
+    """Print what would be done, and do nothing."""
+
+
+class RunOptions(WorkOptions):
+    """How to run."""
+
     overwrite: bool = False
     """Move stage folders made with other settings aside, instead of refusing."""
     store: pathlib.Path | None = None
     """Folder in which run directories share labels and expert times; .store beside the run directory if not given."""
-    dry_run: bool = False
-    """Print what would be done, and do nothing."""
 
 
 class PlanOptions(Settings):
@@ -101,7 +106,7 @@ def run_stages(command: str, argv: list[str]) -> int:
 
 def sweep(argv: list[str]) -> int:
     """`agile sweep`: the grid of the file's [sweep.space]."""
-    experiment, options, _ = parse_experiment("sweep", RunOptions, argv)
+    experiment, options, _ = parse_experiment("sweep", WorkOptions, argv)
     check_engine(options.engine, options.workers)
     sweep_dir = options.run_dir or pathlib.Path("runs") / experiment.name
     check_folder(sweep_dir)
@@ -119,7 +124,7 @@ def sweep(argv: list[str]) -> int:
 
 def study(argv: list[str]) -> int:
     """`agile study`: the values of the file's [study]."""
-    experiment, options, named = parse_experiment("study", RunOptions, argv, takes=EITHER)
+    experiment, options, named = parse_experiment("study", WorkOptions, argv, takes=EITHER)
     check_engine(options.engine, options.workers)
     settings = aj.study.study_settings(experiment)
     study_dir = options.run_dir or named or pathlib.Path("runs") / experiment.name

@@ -2,6 +2,7 @@
 
 import csv
 import io
+import json
 import pathlib
 
 import numpy as np
@@ -13,7 +14,7 @@ from agile_jax.files import write_json
 from agile_jax.report.figures.study_figures import draw_arrival, draw_clearance, draw_success, study_figure
 from agile_jax.report.figures.style import new_axes
 from agile_jax.settings import BadInput
-from agile_jax.study import StudySettings, list_values, make_rows, sentences
+from agile_jax.study import StudySettings, list_values, make_rows, run_study, sentences
 from agile_jax.study.rows import longest_stretch, to_csv, to_curves
 
 BASE = pathlib.Path(__file__).parents[2] / "experiments" / "base.toml"
@@ -160,6 +161,17 @@ def test_the_figure_shows_the_numbers_of_the_rows(tmp_path: pathlib.Path) -> Non
     assert [panel.get_xlabel() for panel in figure.axes] == ["", "", "underside [m]"]
     nowhere = {"": {name: np.full(3, np.nan) if "clearance" in name else column for name, column in curves[""].items()}}
     assert len(study_figure(nowhere, settings.axis).axes) == 2
+
+
+def test_a_value_that_fails_is_a_row_with_its_cause(tmp_path: pathlib.Path) -> None:
+    """Its process really starts, and ends before any work."""
+    (row,) = run_study(study(values=[0.25]), tmp_path, engine="pigeon")
+    assert (row["status"], row["success_rate"]) == ("failed", None)
+    assert 'engine address "pigeon" is none of' in str(row["cause"])
+    assert json.loads((tmp_path / "study.json").read_bytes())["rows"] == [row]
+    assert not (tmp_path / "study.png").exists()
+    (trial,) = list_values(load_experiment(tmp_path / "experiment.toml"), tmp_path)
+    assert (trial.status, trial.cause) == ("failed", row["cause"])
 
 
 def test_words_say_where_it_holds_and_where_it_breaks(tmp_path: pathlib.Path) -> None:
