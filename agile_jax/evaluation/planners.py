@@ -71,12 +71,15 @@ class ExpertPlanner:
     def _wait(
         self, poses: Float[np.ndarray, "n 4"], times: Float[np.ndarray, " n"], active: Bool[np.ndarray, " n"]
     ) -> None:
-        """Stop the clocks of paths that are too far ahead."""
+        """Stop the clocks of paths that are too far ahead, along their own direction."""
         elapsed, self._now = times - self._now, times.copy()
         for slot in np.flatnonzero(active):
             since = times[slot] - self._paths.begun[slot]
-            ahead = [np.interp(since, self._paths.times[slot], self._paths.poses[slot, :, i]) for i in range(2)]
-            if np.hypot(*(ahead - poses[slot, :2])) > 2 * self._lead:
+            place, rate = (
+                np.array([np.interp(since, self._paths.times[slot], values[slot, :, i]) for i in range(2)])
+                for values in (self._paths.poses, self._paths.rates)
+            )
+            if (place - poses[slot, :2]) @ rate > 2 * self._lead * np.hypot(*rate):
                 self._paths.begun[slot] += elapsed[slot]
 
     def _plan(self, slot: int, pose: Float[np.ndarray, "4"], now: float, initial_velocity: InitialVelocity) -> None:

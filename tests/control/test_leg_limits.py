@@ -50,7 +50,7 @@ def test_torque_rows_of_the_first_node_are_the_commanded_torques(seed: int):
     rows = torque_rows(ROBOT, state, body, reference, nominal_motion(ROBOT, body, moved, support))
     forces = jnp.asarray(rng.normal(size=(4, 3)) * 30, jnp.float32)
     still, zero = jnp.zeros((4, 3)), jnp.zeros(4)
-    paths = SwingTarget(still, still, jnp.float32(0.05), zero, jnp.float32(0.1), zero, zero)
+    paths = SwingTarget(still, still, jnp.float32(0.05), zero, jnp.float32(0.1), zero, zero, zero)
     inertia, standing = np.zeros((4, 3, 3)), jnp.ones(4, bool)
     torque = whole_body_torque(
         ROBOT, ControlSettings(), inertia, state, body.R_world_base, standing, forces, reference.velocity, paths

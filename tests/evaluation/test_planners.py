@@ -27,16 +27,16 @@ def test_the_first_path_is_the_experts_from_rest():
 
 
 def test_a_path_waits_for_a_robot_that_is_late_and_for_no_other():
-    planner = ExpertPlanner(SCENE, SETTINGS, 2, None, LEAD)
-    planner.begin(np.arange(2), np.tile(START, (2, 1)))
+    planner = ExpertPlanner(SCENE, SETTINGS, 3, None, LEAD)
+    planner.begin(np.arange(3), np.tile(START, (3, 1)))
     times, poses = planner.paths.times[0], planner.paths.poses[0]
     begun = []
-    for k in range(1, 76):  # the first robot keeps up, the second goes half as fast
+    for k in range(1, 76):  # the first robot keeps up, the second goes half as fast, the third is far ahead
         now = 0.02 * k
-        where = [[np.interp(share * now, times, poses[:, i]) for i in range(4)] for share in (1.0, 0.5)]
-        planner.advance(np.array(where), np.full(2, now), np.ones(2, bool))
+        where = [[np.interp(share * now, times, poses[:, i]) for i in range(4)] for share in (1.0, 0.5, 1.3)]
+        planner.advance(np.array(where), np.full(3, now), np.ones(3, bool))
         begun.append(planner.paths.begun.copy())
-    assert (np.array(begun)[:, 0] == 0).all()
+    assert (np.array(begun)[:, [0, 2]] == 0).all()
     late = begun[-1][1]
     ahead = [np.interp(1.5 - late, times, poses[:, i]) - np.interp(0.75, times, poses[:, i]) for i in range(2)]
     assert np.hypot(*ahead) == pytest.approx(2 * LEAD, abs=0.03)
