@@ -1,11 +1,14 @@
 """Paths under a top speed by height: analytic times, monotonicity, symmetry, and the bound at all times."""
 
+from math import comb
+
 import numpy as np
 import pytest
 from motion import state_at
 
 from agile_jax.expert import ExpertSettings, lowest_underside, make_expert, minimum_time, verify
 from agile_jax.expert.problem import Problem
+from agile_jax.expert.programs.schemes import control_points, rate_points
 from agile_jax.expert.search.routes import RouteSearch
 from agile_jax.expert.space.regions import ROUNDING_ERRORS, make_free_space
 from agile_jax.scene import SceneSettings, make_scene
@@ -150,3 +153,22 @@ def test_routes_are_never_longer_than_their_bounds_say(low):
         for of in (problem, problem._replace(scene=crouching(0.22, speeds=(), **TUNNEL)))
     ]
     assert min(bounds[1]) < min(bounds[0]) <= low.duration + 1e-6
+
+
+@pytest.mark.parametrize("scheme", ["zoh", "foh", "trapezoidal"])
+def test_the_rates_coefficients_are_the_derivative_of_the_poses(scheme):
+    """Both of one degree, so that a line in pose and rate holds on all of an interval when it does on all of them."""
+    pose, rate, h, u, u_next = np.random.default_rng(0).normal(size=5)
+    poses = np.array([pose, *control_points(scheme, pose, rate, h, u, u_next)])
+    rates = np.array([rate, *rate_points(scheme, rate, h, u, u_next)])
+    degree, s = len(poses) - 1, np.linspace(0, 1, 11)[:, None]
+    assert len(rates) == degree + 1
+
+    def curve(points):
+        i = np.arange(len(points))
+        return (np.array([comb(len(points) - 1, k) for k in i]) * s**i * (1 - s) ** (len(points) - 1 - i)) @ points
+
+    if scheme == "trapezoidal":  # it takes the rate for linear
+        np.testing.assert_allclose(curve(rates), rate + s[:, 0] * h / 2 * (u + u_next), atol=1e-12)
+    else:
+        np.testing.assert_allclose(curve(rates), curve(degree * np.diff(poses)) / h, atol=1e-12)
