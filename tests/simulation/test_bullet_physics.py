@@ -17,7 +17,7 @@ from agile_jax.settings import BadInput
 from agile_jax.simulation import BulletPhysics, MujocoPhysics, check_bullet
 from agile_jax.simulation.physics.urdf import GEAR, write_urdf
 
-pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install 'agile_jax[pybullet]'")
+pybullet = pytest.importorskip("pybullet", reason="PyBullet is not installed: pip install 'agile_jax[pybullet]'")
 
 DT = 0.001
 TABLE = TableSettings(kind="table", position=(1.0, 0.0), size=(0.5, 1.0), underside=0.25)
@@ -210,6 +210,18 @@ def test_a_push_is_its_momentum(flying):
     mass, seconds = model.body_mass.sum(), 2 * steps * DT
     expected = (force / mass - [0.0, 0.0, GRAVITY]) * seconds
     np.testing.assert_allclose(data.subtree_linvel[1], expected, atol=1e-4)
+
+
+def test_a_client_ends_with_what_holds_it():
+    """PyBullet has 1,024 at most."""
+    physics = BulletPhysics(model_with(), 1)
+    client = physics._worlds[0]._bullet._number
+    assert pybullet.isConnected(client)
+    del physics
+    assert not pybullet.isConnected(client)
+    physics = BulletPhysics(model_with(), 1)
+    physics.close()
+    physics.close()
 
 
 def test_torques_are_cut_to_the_limit(flying):

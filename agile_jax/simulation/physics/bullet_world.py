@@ -5,6 +5,7 @@ import ctypes
 import os
 import pathlib
 import tempfile
+import weakref
 from collections.abc import Iterator
 from functools import partial
 from importlib import import_module
@@ -126,7 +127,7 @@ class World:
 
     def close(self) -> None:
         """End the client."""
-        self._bullet.disconnect()
+        self._bullet.end()
 
     def _links_of(self, body: int) -> dict[str, int]:
         """Bullet's numbers of a body's links but the first, by their names."""
@@ -195,6 +196,7 @@ class _Client:
         with _silent():  # PyBullet tells when it was built, and what it was called with
             self._module = import_module("pybullet")
             self._number = self._module.connect(self._module.DIRECT)
+        self.end = weakref.finalize(self, self._module.disconnect, self._number)  # at the latest when none holds it
 
     def __getattr__(self, name: str) -> Any:
         found = getattr(self._module, name)
