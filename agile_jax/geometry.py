@@ -173,3 +173,22 @@ def segment_box_distance(
         a, b = xp.where(left, new, b), xp.where(left, a, new)
         at_a, at_b = xp.where(left, at_new, at_b), xp.where(left, at_a, at_new)
     return xp.sqrt(xp.minimum(least, xp.minimum(at_a, at_b)))
+
+
+def segment_distance(
+    first: Float[AnyArray, "*#shape 2 3"], second: Float[AnyArray, "*#shape 2 3"], xp: ModuleType = np
+) -> Float[AnyArray, "*shape"]:
+    """Distance of two segments, each given by its ends [m]; one without length is a point.
+
+    The place on the first is the nearest of its line to the other's, cut to its length; then each is the nearest to
+    the other's in turn, which is exact (Ericson, Real-Time Collision Detection, 5.1.9).
+    """
+    along, other = first[..., 1, :] - first[..., 0, :], second[..., 1, :] - second[..., 0, :]
+    apart = first[..., 0, :] - second[..., 0, :]
+    a, e = (xp.maximum((way * way).sum(-1), 1e-12) for way in (along, other))
+    b, c, f = (along * other).sum(-1), (along * apart).sum(-1), (other * apart).sum(-1)
+    s = xp.clip((b * f - c * e) / xp.maximum(a * e - b * b, 1e-12), 0.0, 1.0)
+    t = xp.clip((b * s + f) / e, 0.0, 1.0)
+    s = xp.clip((b * t - c) / a, 0.0, 1.0)
+    gap = apart + s[..., None] * along - t[..., None] * other
+    return xp.sqrt((gap * gap).sum(-1))

@@ -14,5 +14,5 @@ from .expert_time import ExpertTimes as ExpertTimes, expert_times as expert_time
 from .generate import generate as generate, make_labels as make_labels
 from .queries import Answers as Answers, ask as ask
 from .settings import DatasetSettings as DatasetSettings
-from .starts import unseen_starts as unseen_starts
+from .starts import rejected_shares as rejected_shares, unseen_starts as unseen_starts
 from .write import write as write

@@ -28,6 +28,7 @@ from agile_jax.scene import (
 from agile_jax.settings import BadInput
 
 MAX_DRAWS = 10_000
+COUNTED_STARTS = 100_000  # of which the rejected share is found, to a tenth of a per cent
 
 
 def unseen_starts(
@@ -38,6 +39,17 @@ def unseen_starts(
     Start i is a pure function of (key, i).
     """
     return _of_the_scene(make_scene(scene), scene, expert, count, key).poses
+
+
+def rejected_shares(scene: SceneSettings, expert: ExpertSettings, key: tuple[int, ...]) -> dict[str, float]:
+    """What part of the scene's start distribution `unseen_starts` leaves out, by cause, as keys of a summary."""
+    starts = _of_the_scene(make_scene(scene), scene, expert, COUNTED_STARTS, key)
+    collision, bounds = starts.rejected_collision / starts.attempted, starts.rejected_bounds / starts.attempted
+    return {
+        "rejected_starts_share": collision + bounds,
+        "rejected_starts_collision_share": collision,
+        "rejected_starts_bounds_share": bounds,
+    }
 
 
 def draw_start(

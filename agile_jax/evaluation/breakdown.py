@@ -47,6 +47,7 @@ def distributions(columns: Columns, mass: float) -> dict[str, list[float] | None
         "arrival_time_ratio_quantiles": ratio,
         "min_clearance_m_quantiles": columns["min_clearance"],
         "min_envelope_clearance_m_quantiles": columns["min_envelope_clearance"],
+        "min_self_clearance_m_quantiles": columns["min_self_clearance"],
         "velocity_tracking_rmse_quantiles": columns["velocity_tracking_rmse"],
         "cost_of_transport_quantiles": columns["work"] / (mass * GRAVITY * moved),
         "torque_saturation_quantiles": columns["torque_saturation"],

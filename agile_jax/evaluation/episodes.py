@@ -175,6 +175,7 @@ def episode_columns(rollout: Rollout) -> Columns:
         "arrival_time": np.where(success, outcome.inside_since, np.nan),
         "min_clearance": outcome.min_clearance,
         "min_envelope_clearance": outcome.min_envelope_clearance,
+        "min_self_clearance": outcome.min_self_clearance,
         "final_error": outcome.planar_error,
         "velocity_tracking_rmse": np.sqrt(outcome.velocity_error_sum / steps),
         "torque_saturation": outcome.saturated / (12 * steps),

@@ -58,6 +58,7 @@ def rollout_one(
         "expert_time_s": float(expert_time) if np.isfinite(expert_time) else None,
         "end_time_s": float(outcome.time[0]),
         "min_clearance_m": float(outcome.min_clearance[0]),
+        "min_self_clearance_m": float(outcome.min_self_clearance[0]),
         "final_error_m": float(outcome.planar_error[0]),
         "lowest_trunk_height_m": float(trace.qpos[:, 2].min()),
         **{key: int(values[0]) for key, values in rollout.counts._asdict().items()},

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 from jaxtyping import Float, Int, PyTree
 
-from agile_jax.dataset import expert_times, time_limit, unseen_starts
+from agile_jax.dataset import expert_times, rejected_shares, time_limit, unseen_starts
 from agile_jax.evaluation.backend import command_parameters
 from agile_jax.evaluation.breakdown import distributions, outcomes_by_region
 from agile_jax.evaluation.episodes import Work, simulate_here, simulate_on_workers
@@ -29,8 +29,11 @@ from agile_jax.store.parts import OpenEngine
 
 def evaluation_starts(experiment: Experiment) -> Float[np.ndarray, "episodes 4"]:
     """Start poses that no training has seen [m, rad]; start i does not depend on how many there are."""
-    stream = experiment.seed, streams.EVALUATION_STARTS, experiment.evaluation.seed
-    return unseen_starts(experiment.scene, experiment.expert, experiment.evaluation.episodes, stream)
+    return unseen_starts(experiment.scene, experiment.expert, experiment.evaluation.episodes, _stream(experiment))
+
+
+def _stream(experiment: Experiment) -> tuple[int, ...]:
+    return experiment.seed, streams.EVALUATION_STARTS, experiment.evaluation.seed
 
 
 def episodes_key(experiment: Experiment, parameters: PyTree) -> str:
@@ -122,6 +125,7 @@ def summary_of(experiment: Experiment, columns: Columns, measures: Columns) -> d
         "device": str(measures["device"][-1]),
         "planner": experiment.evaluation.planner,
         "planning_ms_per_query_median": 1e3 * float(np.median(measures["query_seconds"])),
+        **rejected_shares(experiment.scene, experiment.expert, _stream(experiment)),
         **summarise(columns, experiment.control, float(measures["wall"].sum())),
         **distributions(columns, float(robot.link_masses.sum())),
         "outcomes_by_region": outcomes_by_region(columns, np.asarray(clearance(scene, columns["start"]))),

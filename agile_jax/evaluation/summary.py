@@ -62,6 +62,8 @@ def summarise(columns: Columns, control: ControlSettings, seconds: float) -> dic
         "arrival_time_ratio_median": quantile(ratio, 0.5),
         "arrival_time_ratio_p95": quantile(ratio, 0.95),
         "min_clearance_m_p05": quantile(columns["min_clearance"], 0.05),
+        "min_self_clearance_m_p05": quantile(columns["min_self_clearance"], 0.05),
+        "self_overlaps": int((columns["min_self_clearance"] <= 0).sum()),
         "final_error_m_median": quantile(columns["final_error"], 0.5),
         "velocity_tracking_rmse": finite_or_none(
             np.sqrt(np.average(columns["velocity_tracking_rmse"].astype(float) ** 2, weights=steps))

@@ -59,6 +59,9 @@ _TRAINING: Words = {
 }
 _EVALUATION: Words = {
     "episodes": ("episodes", ""),
+    "rejected_starts_share": ("draws of the start distribution that no episode starts from", "%"),
+    "rejected_starts_collision_share": ("of all draws: nearer to an obstacle than the expert's margin", "%"),
+    "rejected_starts_bounds_share": ("of all draws: out of bounds", "%"),
     "success_rate": ("success rate", "%"),
     "success_rate_low": ("lower end of its 95 % Wilson interval", "%"),
     "success_rate_high": ("upper end of its 95 % Wilson interval", "%"),
@@ -67,6 +70,8 @@ _EVALUATION: Words = {
     "arrival_time_ratio_median": ("arrival time over the duration of the expert's whole path, median", ""),
     "arrival_time_ratio_p95": ("arrival time over the duration of the expert's whole path, 95th percentile", ""),
     "min_clearance_m_p05": ("least clearance of the robot in an episode, 5th percentile", "m"),
+    "min_self_clearance_m_p05": ("least distance of the legs to the trunk and to each other, 5th percentile", "m"),
+    "self_overlaps": ("episodes in which a leg reached into the trunk or another leg, which nothing stops", ""),
     "cost_of_transport_quantiles": ("cost of transport, 5 %, 50 %, 95 %", ""),
     "final_error_m_median": ("final distance to the target in the plane, median", "m"),
     "velocity_tracking_rmse": ("error of the trunk's velocity in the plane, root mean square", "m/s"),
@@ -173,6 +178,13 @@ def evaluation_table(summary: Summary) -> str:
         f"(95 % Wilson interval {percent(summary.get('success_rate_low'))} to "
         f"{percent(summary.get('success_rate_high'))})."
     )
+    if "rejected_starts_share" in summary:
+        words += (
+            f" {percent(summary['rejected_starts_share'])} of the draws of the scene's start distribution are left out "
+            "before, because they are nearer to an obstacle than the expert's margin, "
+            f"{percent(summary.get('rejected_starts_collision_share'))}, or out of bounds, "
+            f"{percent(summary.get('rejected_starts_bounds_share'))}."
+        )
     failures = summary.get("failures")
     causes = table(("failure", "episodes"), sorted(failures.items())) if isinstance(failures, dict) else ""
     regions = summary.get("outcomes_by_region")

@@ -4,6 +4,7 @@ from .collision import (
     CollisionShapes as CollisionShapes,
     body_clearance as body_clearance,
     collision_shapes as collision_shapes,
+    own_clearance as own_clearance,
 )
 from .constants import (
     GRAVITY as GRAVITY,

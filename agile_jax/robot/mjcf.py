@@ -30,7 +30,8 @@ _GEOMS = {  # that can be copied
     mujoco.mjtGeom.mjGEOM_BOX,
     mujoco.mjtGeom.mjGEOM_MESH,
 }
-_OBSTACLES, _FLOOR_AND_OBSTACLES = 2, 3  # conaffinity, as in a1.xml: shins do not collide with the floor
+# conaffinity, as in a1.xml: shins do not collide with the floor, and of hips no distance to other links counts.
+_TRUNK, _LEG = 7, (3, 7, 6)
 
 
 def robot_spec(settings: RobotSettings) -> mujoco.MjSpec:
@@ -83,7 +84,7 @@ def _rebuild(source: mujoco.MjModel, settings: RobotSettings) -> mujoco.MjSpec:
     spec = _empty_spec()
     body = spec.worldbody.add_body(name="trunk", pos=[0.0, 0.0, 1.0])
     body.add_freejoint(name="base")
-    _fill(spec, original, body, trunk, origin, _FLOOR_AND_OBSTACLES)
+    _fill(spec, original, body, trunk, origin, _TRUNK)
     for name, leg in zip(LEG_NAMES, legs, strict=True):
         _add_leg(spec, original, body, origin, name, leg)
     return spec
@@ -119,8 +120,7 @@ def _add_leg(
             armature=source.dof_armature[dof],
             frictionloss=source.dof_frictionloss[dof],
         )
-        affinity = _OBSTACLES if k == 2 else _FLOOR_AND_OBSTACLES
-        _fill(spec, original, link, int(source.jnt_bodyid[joint]), place, affinity, leg.foot, name)
+        _fill(spec, original, link, int(source.jnt_bodyid[joint]), place, _LEG[k], leg.foot, name)
         limit = torque_limit(source, joint)
         spec.add_actuator(
             name=f"{name}_{JOINT_NAMES[k]}",
@@ -206,7 +206,7 @@ def _fill(
             geom.name = f"{body.name}_{count}"
             count += 1
         if i == foot:
-            geom.name, geom.condim, geom.conaffinity, geom.priority = f"{leg}_foot", 3, _FLOOR_AND_OBSTACLES, 1
+            geom.name, geom.condim, geom.conaffinity, geom.priority = f"{leg}_foot", 3, _TRUNK, 1
             geom.friction = source.geom_friction[i]
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from jaxtyping import Array, Bool, Float, PyTree
 
 from agile_jax.control import Controller, ControlSettings, Diagnostics
-from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, trunk_pose
+from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, own_clearance, trunk_pose
 from agile_jax.scene import Scene
 from agile_jax.simulation.outcome import RUNNING, Outcome, init_outcome, update_outcome
 from agile_jax.simulation.paths import TimedPath
@@ -111,6 +111,7 @@ class ClosedLoop:
             sensed,
             self.scene,
             body_clearance(self.robot, self.shapes, self.scene, sensed.qpos),
+            own_clearance(self.robot, self.shapes.own, sensed.qpos),
             episode.reference.velocity[:2],
             episode.torque,
             jnp.asarray(self.robot.torque_limit, jnp.float32),

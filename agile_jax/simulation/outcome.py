@@ -33,6 +33,7 @@ class Outcome(NamedTuple):
     inside_since: Float[Array, ""]  # time at which the trunk entered the target's tolerance [s]; infinity outside it
     min_clearance: Float[Array, ""]  # of the robot's collision geometry [m]
     min_envelope_clearance: Float[Array, ""]  # of the torso's envelope, which plans keep clear [m]
+    min_self_clearance: Float[Array, ""]  # of the legs to the trunk and to each other [m]
     planar_error: Float[Array, ""]  # distance to the target in the plane [m]
     velocity_error_sum: Float[Array, ""]  # [m^2/s^2]
     saturated: Float[Array, ""]  # joints at their torque limit, summed over steps
@@ -51,6 +52,7 @@ def init_outcome(time_limit: Float[Array, ""]) -> Outcome:
         inside_since=infinity,
         min_clearance=infinity,
         min_envelope_clearance=infinity,
+        min_self_clearance=infinity,
         planar_error=zero,
         velocity_error_sum=zero,
         saturated=zero,
@@ -65,6 +67,7 @@ def update_outcome(
     sensed: Sensed,
     scene: Scene,
     nearest: Float[Array, ""],
+    own_nearest: Float[Array, ""],
     reference_velocity: Float[Array, "2"],
     torque: Float[Array, "12"],
     torque_limit: Float[Array, "12"],
@@ -77,6 +80,7 @@ def update_outcome(
         sensed: after the step.
         scene: target and obstacles.
         nearest: clearance of the robot's collision geometry [m].
+        own_nearest: of its legs to its trunk and to each other, which no outcome depends on [m].
         reference_velocity: of the trunk in the plane [m/s].
         torque: during the step [Nm].
         torque_limit: [Nm].
@@ -103,6 +107,7 @@ def update_outcome(
         inside_since=inside_since,
         min_clearance=jnp.minimum(outcome.min_clearance, nearest),
         min_envelope_clearance=jnp.minimum(outcome.min_envelope_clearance, clearance(scene, pose, jnp)),
+        min_self_clearance=jnp.minimum(outcome.min_self_clearance, own_nearest),
         planar_error=planar,
         velocity_error_sum=outcome.velocity_error_sum + jnp.sum((sensed.qvel[:2] - reference_velocity) ** 2),
         saturated=outcome.saturated + jnp.sum(jnp.abs(torque) >= torque_limit * 0.9999).astype(jnp.float32),

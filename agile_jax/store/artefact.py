@@ -100,7 +100,7 @@ KINEMATIC_TEST = Artefact(
 EPISODES = Artefact(
     "episodes",
     ("seed", "scene", "expert", "policy", "robot.legs", "robot.joints", "plant", "control", "evaluation"),
-    version=2,
+    version=3,
     without_effect=(
         "evaluation.name",
         "evaluation.batch",

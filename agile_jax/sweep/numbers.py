@@ -23,8 +23,10 @@ _NAMES = {
         arrival_time_ratio_same_tolerance_median arrival_time_ratio_same_tolerance_p95
         arrival_time_ratio_same_tolerance_quantiles cone_violations cost_of_transport_quantiles episodes
         expert_failures failures final_error_m_median joint_violations min_clearance_m_p05
-        min_clearance_m_quantiles min_envelope_clearance_m_quantiles mpc_failures mpc_infeasible
-        mpc_not_finite mpc_solutions mpc_unconverged outcomes_by_region planning_ms_per_query_median seconds
+        min_clearance_m_quantiles min_envelope_clearance_m_quantiles min_self_clearance_m_p05
+        min_self_clearance_m_quantiles mpc_failures mpc_infeasible
+        mpc_not_finite mpc_solutions mpc_unconverged outcomes_by_region planning_ms_per_query_median
+        rejected_starts_bounds_share rejected_starts_collision_share rejected_starts_share seconds self_overlaps
         simulated_seconds_per_second stance_saturations success_rate success_rate_high success_rate_low
         success_rate_where_path torque_saturation_fraction torque_saturation_quantiles torque_violations
         velocity_tracking_rmse velocity_tracking_rmse_quantiles""",

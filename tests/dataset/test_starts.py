@@ -1,9 +1,11 @@
 """Where labels start: pure functions of (seed, index), and the places that "wide" must cover."""
 
+from statistics import NormalDist
+
 import numpy as np
 import pytest
 
-from agile_jax.dataset import DatasetSettings
+from agile_jax.dataset import DatasetSettings, rejected_shares
 from agile_jax.dataset.starts import draw_start
 from agile_jax.expert import ExpertSettings, planning_margin
 from agile_jax.scene import SceneSettings, clearance, make_scene
@@ -65,3 +67,24 @@ def test_hopeless_starts_are_refused():
     )
     with pytest.raises(BadInput, match="free"):
         draw_start(make_scene(settings), settings, EXPERT, DatasetSettings(starts="wide"), 0, 0)
+
+
+def test_rejected_shares_are_those_of_the_normal_distribution():
+    """A wall across the way, far wider than the starts: what is nearer to it than the margin is a tail."""
+    wall = {"kind": "box", "position": [1.5, 0.0, 0.5], "size": [1.0, 40.0, 1.0]}
+    scene = SceneSettings(obstacles=[wall], lower=(-50.0, -50.0, 0.1, -0.5), upper=(50.0, 50.0, 0.3, 0.5))
+    start, (_, _, low, _), (_, _, high, _) = scene.start, scene.lower, scene.upper
+    x = NormalDist(start.mean[0], start.std[0])
+    z = NormalDist(start.mean[2], start.std[2])
+    inside = z.cdf(high) - z.cdf(low)
+    shares = rejected_shares(scene, EXPERT, (0, 7))
+    reach = scene.torso_half_size[0] + planning_margin(EXPERT)
+    behind = x.cdf(2.0 + reach) - x.cdf(1.0 - reach)
+    assert shares["rejected_starts_bounds_share"] == pytest.approx(1 - inside, abs=2e-3)
+    assert shares["rejected_starts_collision_share"] == pytest.approx(inside * behind, abs=5e-3)
+
+
+def test_an_eighth_of_the_papers_starts_is_rejected():
+    shares = rejected_shares(SETTINGS, EXPERT, (0, 7))
+    assert shares["rejected_starts_collision_share"] == pytest.approx(0.129, abs=2e-3)
+    assert shares["rejected_starts_bounds_share"] == pytest.approx(0.001, abs=5e-4)

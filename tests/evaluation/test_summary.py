@@ -18,6 +18,7 @@ def columns() -> dict[str, np.ndarray]:
         "expert_time": np.array([3.0, 4.0, 3.0, 3.0, 3.0, np.nan]),
         "expert_arrival_time": np.array([2.5, 3.8, 2.5, 2.5, 2.5, np.nan]),
         "min_clearance": np.array([0.02, 0.03, -0.01, 0.02, 0.2, 0.1]),
+        "min_self_clearance": np.array([0.01, 0.011, 0.01, -0.002, 0.01, 0.01]),
         "final_error": np.array([0.01, 0.03, 1.0, 1.0, 1.0, np.nan]),
         "velocity_tracking_rmse": np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1]),
         "torque_saturation": np.zeros(6),
@@ -39,6 +40,8 @@ def test_summary_of_known_episodes():
     assert summary["mpc_failures"] == 3
     assert (summary["cone_violations"], summary["torque_violations"], summary["joint_violations"]) == (0, 0, 7)
     assert summary["expert_failures"] == 1
+    assert summary["self_overlaps"] == 1
+    assert summary["min_self_clearance_m_p05"] == pytest.approx(-0.002 + 0.25 * 0.012)
     assert summary["simulated_seconds_per_second"] == pytest.approx(4000 * 0.002 / 4.0)
     json.dumps(summary, allow_nan=False)
 

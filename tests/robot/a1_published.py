@@ -77,3 +77,43 @@ def links() -> list[LinkConstants]:
     for front, left in zip(FRONT, LEFT, strict=True):
         result += [mirrored(HIP, front, left), mirrored(THIGH, 1.0, left), mirrored(CALF, 1.0, left)]
     return result
+
+
+class Primitive(NamedTuple):
+    """A published collision shape in the frame of its link [m]; a left leg's, mirrored at y = 0 for a right one."""
+
+    source: str
+    link: str  # "trunk", or of a leg "hip", "thigh", "calf"
+    kind: str  # "box" (half sizes), "capsule" (radius) or "cylinder" (radius)
+    size: tuple[float, ...]
+    start: tuple[float, float, float]  # a box's centre, or an end of the axis
+    end: tuple[float, float, float] | None = None
+
+
+# [1] as it stands; [2] const.xacro with leg.xacro and robot.xacro; [3] a1.urdf of unitree_ros today, where it differs
+# from [2]. Lengths of legs are [1]'s in all: today's URDF has its hips 2.5 mm nearer to the trunk.
+PRIMITIVES = (
+    Primitive("1", "trunk", "box", (0.125, 0.04, 0.057), (0, 0, 0)),
+    Primitive("1", "trunk", "cylinder", (0.058,), (-0.125, -0.04, 0), (0.125, -0.04, 0)),
+    Primitive("1", "trunk", "cylinder", (0.058,), (-0.125, 0.04, 0), (0.125, 0.04, 0)),
+    Primitive("1", "trunk", "box", (0.005, 0.06, 0.05), (0.25, 0, 0)),
+    Primitive("1", "trunk", "capsule", (0.009,), (0.25, 0.06, -0.045), (0.25, 0.06, 0.025)),
+    Primitive("1", "trunk", "capsule", (0.009,), (0.25, -0.06, -0.045), (0.25, -0.06, 0.025)),
+    Primitive("1", "trunk", "capsule", (0.005,), (0.25, -0.06, -0.05), (0.25, 0.06, -0.05)),
+    Primitive("1", "trunk", "capsule", (0.021,), (0.255, -0.052, 0.0355), (0.255, 0.052, 0.0355)),
+    Primitive("2", "trunk", "box", (0.1335, 0.097, 0.057), (0, 0, 0)),
+    Primitive("3", "trunk", "box", (0.1335, 0.04, 0.057), (0, 0, 0)),
+    Primitive("3", "trunk", "cylinder", (0.057,), (-0.1335, -0.04, 0), (0.1335, -0.04, 0)),
+    Primitive("3", "trunk", "cylinder", (0.057,), (-0.1335, 0.04, 0), (0.1335, 0.04, 0)),
+    Primitive("1", "hip", "cylinder", (0.04,), (0, 0.015, 0), (0, 0.095, 0)),
+    Primitive("2", "hip", "cylinder", (0.046,), (0, -0.02, 0), (0, 0.02, 0)),
+    Primitive("2", "hip", "cylinder", (0.041,), (0, 0.065, 0), (0, 0.097, 0)),  # the shoulder
+    Primitive("1", "thigh", "capsule", (0.015,), (-0.02, 0, 0), (-0.02, 0, -0.16)),
+    Primitive("1", "thigh", "capsule", (0.015,), (0, 0, 0), (-0.02, 0, -0.1)),
+    Primitive("1", "thigh", "capsule", (0.015,), (-0.02, 0, -0.16), (0, 0, -0.2)),
+    Primitive("2", "thigh", "box", (0.017, 0.01225, 0.1), (0, 0, -0.1)),
+    Primitive("1", "calf", "capsule", (0.01,), (0, 0, 0), (0.02, 0, -0.13)),
+    Primitive("1", "calf", "capsule", (0.01,), (0.02, 0, -0.13), (0, 0, -0.2)),
+    Primitive("2", "calf", "box", (0.008, 0.008, 0.1), (0, 0, -0.1)),
+    Primitive("1", "calf", "capsule", (0.02,), (0, 0, -0.2), (0, 0, -0.2)),
+)

@@ -12,7 +12,7 @@ BOX = BoxSettings(kind="box", position=(0.0, 1.2, 0.1), size=(0.2, 0.3, 0.2), ya
 SCENE = make_scene(SceneSettings(obstacles=(TABLE, BOX)))
 MODEL = build_mujoco_model(SCENE, RobotSettings(), 0.001)
 ROBOT = load_robot(RobotSettings())
-BODY_GEOMS = ["trunk_body", "trunk_head", *(f"{leg}_{part}" for leg in LEG_NAMES for part in ("hip", "thigh"))]
+BODY_GEOMS = ["trunk_body", *(f"{leg}_{part}" for leg in LEG_NAMES for part in ("hip", "thigh", "thigh_back"))]
 LEG_GEOMS = [f"{leg}_{part}" for leg in LEG_NAMES for part in ("calf", "foot")]
 COLLISION_GEOMS = set(BODY_GEOMS + LEG_GEOMS)
 
@@ -105,7 +105,7 @@ def test_an_empty_scene_has_no_obstacle():
 
 
 def test_only_shapes_that_mjx_can_collide():
-    solid = [geom for geom in range(MODEL.ngeom) if MODEL.geom_contype[geom] or MODEL.geom_conaffinity[geom]]
+    solid = [geom for geom in range(MODEL.ngeom) if MODEL.geom_contype[geom] or MODEL.geom_conaffinity[geom] & 3]
     kinds = mujoco.mjtGeom
     allowed = {kinds.mjGEOM_PLANE, kinds.mjGEOM_BOX, kinds.mjGEOM_CAPSULE, kinds.mjGEOM_SPHERE}
     assert {int(MODEL.geom_type[geom]) for geom in solid} <= {int(kind) for kind in allowed}
@@ -171,12 +171,13 @@ def test_the_scenes_torso_envelope_covers_trunk_hips_and_thigh_roots(height):
     data.qpos[:] = standing_qpos(ROBOT, np.array([0.0, 0.0, height, 0.0]))
     data.qpos[:3] = 0.0
     mujoco.mj_forward(MODEL, data)
-    reach = [extent(data, name) for name in ["trunk_body", "trunk_head", *(f"{leg}_hip" for leg in LEG_NAMES)]]
+    reach = [extent(data, name) for name in ["trunk_body", *(f"{leg}_hip" for leg in LEG_NAMES)]]
     for leg in LEG_NAMES:
-        thigh = MODEL.geom(f"{leg}_thigh")
         body = MODEL.body(f"{leg}_thigh").id
-        root = data.xpos[body] + data.xmat[body].reshape(3, 3) @ [thigh.pos[0], 0.0, 0.0]
-        reach.append(np.abs(root) + thigh.size[0])
+        for name in ("thigh", "thigh_back"):
+            thigh = MODEL.geom(f"{leg}_{name}")
+            root = data.xpos[body] + data.xmat[body].reshape(3, 3) @ [thigh.pos[0], 0.0, 0.0]
+            reach.append(np.abs(root) + thigh.size[0])
     largest = np.max(reach, 0)
-    np.testing.assert_allclose(largest, [0.276, 0.15405, 0.058], atol=1e-5)
+    np.testing.assert_allclose(largest, [0.28, 0.15455, 0.058], atol=1e-5)
     assert (largest <= np.array(SceneSettings().torso_half_size) + 1e-9).all()

@@ -18,26 +18,37 @@ from agile_jax.robot.stride import FLOOR_CLEARANCE
 A1 = load_robot(RobotSettings())
 TABLE = stride_table(A1)
 LENGTH = A1.thigh_length + A1.calf_length
+THIGH = [
+    (-0.0075, 0.0, 0.0225),
+    (-0.0075, -0.2, 0.0225),
+    (-0.0135, 0.0, 0.0225),
+    (-0.0135, -0.178, 0.0225),
+]  # x, z, radius
+CALF, FOOT = [(0.0102, 0.0, 0.02), (0.0102, -0.18, 0.02)], (0.0, -0.2, 0.02)
 
 
 def test_shape_of_the_a1_is_that_of_its_file():
     assert A1.shape.trunk_top == pytest.approx(0.058)
     assert A1.shape.trunk_bottom == pytest.approx(0.058)
-    np.testing.assert_allclose(A1.shape.thigh, [[-0.01, -0.2, 0.022], [-0.01, 0.0, 0.022]], atol=1e-9)
+    np.testing.assert_allclose(np.sort(A1.shape.thigh, 0), np.sort(np.array(THIGH), 0), atol=1e-9)
+    np.testing.assert_allclose(np.sort(A1.shape.calf, 0), np.sort(np.array([*CALF, FOOT]), 0), atol=1e-9)
 
 
 @pytest.mark.parametrize("height", [0.13, 0.15, 0.17])
 def test_ends_of_the_window_touch_the_level_of_the_trunk_and_the_clearance_of_the_floor(height: float):
-    """By the robot's own kinematics, for the capsule of a thigh."""
+    """By the robot's own kinematics, for the capsules of thigh and calf."""
 
-    def capsule_ends(x: float) -> np.ndarray:
+    def heights(x: float, link: int, points: list[tuple[float, float, float]]) -> np.ndarray:
         feet = A1.hip_pos_base + np.stack([np.full(4, x), A1.abad_offset, np.full(4, A1.foot_radius - height)], -1)
         poses = link_poses(A1, leg_inverse_kinematics(A1, jnp.asarray(feet, jnp.float32)))
-        return poses.pos[2][2] + (np.asarray(poses.rotation[2]) @ [[-0.01, -0.01], [0.0, 0.0], [0.0, -0.2]])[2]
+        px, pz, _ = np.array(points).T
+        return (poses.pos[link] + np.stack([px, 0 * px, pz], -1) @ np.asarray(poses.rotation[link]).T)[:, 2]
 
     rear, front = (np.interp(height, TABLE.height, ends) for ends in TABLE[1:])
-    assert capsule_ends(rear).max() + 0.022 == pytest.approx(A1.shape.trunk_top, abs=2e-3)
-    assert height + capsule_ends(front).min() - 0.022 == pytest.approx(FLOOR_CLEARANCE * LENGTH, abs=2e-3)
+    tops = [(heights(rear, link, points) + np.array(points)[:, 2]).max() for link, points in ((2, THIGH), (3, CALF))]
+    assert max(tops) == pytest.approx(A1.shape.trunk_top, abs=2e-3)
+    lowest = (heights(front, 2, THIGH) - np.array(THIGH)[:, 2]).min()
+    assert height + lowest == pytest.approx(FLOOR_CLEARANCE * LENGTH, abs=2e-3)
 
 
 def test_window_grows_with_the_height_until_the_knee_no_longer_binds():

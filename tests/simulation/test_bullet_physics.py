@@ -271,8 +271,8 @@ def test_a_mesh_collides_as_its_hull():
 
 def test_what_cannot_be_written_is_refused(tmp_path):
     model = model_with()
-    model.geom_type[model.geom("trunk_head").id] = mujoco.mjtGeom.mjGEOM_ELLIPSOID
-    with pytest.raises(BadInput, match="trunk_head: its shape ellipsoid has no counterpart in a URDF"):
+    model.geom_type[model.geom("trunk_body").id] = mujoco.mjtGeom.mjGEOM_ELLIPSOID
+    with pytest.raises(BadInput, match="trunk_body: its shape ellipsoid has no counterpart in a URDF"):
         write_urdf(model, tmp_path)
 
 

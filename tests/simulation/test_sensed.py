@@ -13,7 +13,7 @@ def flags_by_brute_force(model, data) -> tuple[bool, bool]:
         if contact.dist >= 0 or names <= {"floor", "obstacle_0"}:
             continue
         obstacle |= "obstacle_0" in names
-        upper = [name for name in names if name.startswith("trunk") or name.endswith(("_hip", "_thigh"))]
+        upper = [name for name in names if name.startswith("trunk") or name.endswith(("_hip", "_thigh", "_thigh_back"))]
         floor |= "floor" in names and bool(upper)
     return obstacle, floor
 

@@ -18,6 +18,7 @@ import numpy as np
 from jaxtyping import Float
 
 from agile_jax.geometry import quaternion_to_matrix
+from agile_jax.robot.mujoco_model import OBSTACLE_BIT
 from agile_jax.settings import BadInput
 
 # Turns of a rotor for one of its joint, the same way round: the A1's planetary gears. The inertia that a joint feels
@@ -45,7 +46,7 @@ def write_urdf(model: mujoco.MjModel, folder: pathlib.Path, rotors: bool = True)
     for body in range(1, model.nbody):
         inertia = _inertia(model, body, rotors)
         link = _link(robot, model.body(body).name, model.body_mass[body], model.body_ipos[body], inertia)
-        for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_conaffinity > 0)).tolist():
+        for geom in np.flatnonzero((model.geom_bodyid == body) & (model.geom_conaffinity & OBSTACLE_BIT > 0)).tolist():
             if model.geom(geom).name.endswith(FOOT):
                 link_of_foot = _link(robot, model.geom(geom).name, 0.0, np.zeros(3), np.zeros((3, 3)))
                 _shape(link_of_foot, model, geom, np.zeros(3), folder)
