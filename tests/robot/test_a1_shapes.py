@@ -13,7 +13,7 @@ from agile_jax.robot.mjcf import robot_spec
 MODEL = robot_spec(RobotSettings()).compile()
 STANDS_OUT = 1e-3  # that a1.xml's comment allows [m]
 ROUNDING = 5e-5  # of the numbers in it [m]
-THIGH_BOX, THIGH_MESH, CALF_MESH = 4.9e-3, 3.0e-3, 6.8e-3  # the exceptions that it names, to 0.1 mm [m]
+THIGH_BOX, THIGH_MESH, CALF_MESH = 4.9e-3, 4.4e-3, 6.8e-3  # the exceptions that it names, to 0.1 mm [m]
 HIP_ANGLES = np.linspace(-1.0472, 4.18879, 25)  # of a thigh against its hip [rad]
 KNEE_ANGLES = np.linspace(-2.69653, -0.916298, 25)
 
