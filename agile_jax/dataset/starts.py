@@ -24,6 +24,7 @@ from agile_jax.scene import (
     obstacle_boxes,
     sample_starts,
     streams,
+    without_way_over,
 )
 from agile_jax.settings import BadInput
 
@@ -93,8 +94,9 @@ def wide_boxes(
     """The boxes (lower, upper), each of shape (3,), over which wide starts are uniform [m].
 
     They lie within the box around the paper's starts (two standard deviations), all obstacles and the target, padded,
-    and near the obstacle: those under and over it are its own footprint.
+    and near the obstacle: that under it is its own footprint.
     """
+    scene = without_way_over(scene)
     start = scene_settings.start
     mean, std = np.array(start.mean[:2]), np.array(start.std[:2])
     half = scene.obstacle_half_sizes[:, :2].max(-1, initial=0.0)[:, None] * np.sqrt(2)  # holds at any yaw

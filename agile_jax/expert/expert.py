@@ -9,7 +9,7 @@ from agile_jax.expert.problem import Problem
 from agile_jax.expert.programs.retries import ATTEMPT_NAMES, AttemptName
 from agile_jax.expert.settings import ExpertSettings, InitialVelocity, checked_initial_velocity
 from agile_jax.expert.solution import ExpertSolution
-from agile_jax.scene import PoseLike, Scene, facing, planar_scene
+from agile_jax.scene import PoseLike, Scene, facing, planar_scene, without_way_over
 from agile_jax.settings import BadInput
 
 
@@ -61,7 +61,7 @@ class Expert(abc.ABC):
         condition = checked_initial_velocity(initial_velocity or self.settings.initial_velocity)
         if first_attempt not in ATTEMPT_NAMES:
             raise BadInput(f"first_attempt = {first_attempt!r}: must be one of {', '.join(ATTEMPT_NAMES)}")
-        pose, scene = checked_pose("start", start), self.scene
+        pose, scene = checked_pose("start", start), without_way_over(self.scene)
         if target is not None:
             scene = scene._replace(target=checked_pose("target", target))
         if self.settings.dimensions == "2d":

@@ -36,7 +36,7 @@ class ExpertSolution(NamedTuple):
     duration: float  # [s]
     lower_bound: float  # no trajectory can be shorter [s]
     gap: float  # duration / lower_bound - 1, 0 certifies the global optimum
-    branch: str  # "direct", "under", "left", "right", "over", or several joined by "+"
+    branch: str  # "direct", "under", "left", "right", or several joined by "+"
     objective: float  # duration + effort_weight * effort
     status: Literal["solved", "failed"]
     cause: str  # "" when solved

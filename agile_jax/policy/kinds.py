@@ -8,7 +8,7 @@ from agile_jax.policy.feedback import FeedbackLaw
 from agile_jax.policy.field import PlainField, ResidualField
 from agile_jax.policy.policy import Policy
 from agile_jax.policy.settings import PolicySettings
-from agile_jax.scene import Scene
+from agile_jax.scene import Scene, without_way_over
 from agile_jax.settings import BadInput
 
 KINDS: dict[str, type[Policy]] = {"plain": PlainField, "residual": ResidualField, "feedback": FeedbackLaw}
@@ -31,7 +31,10 @@ def make_policy(scene: Scene, limits: MotionLimits, settings: PolicySettings) ->
     Raises:
         BadInput: a plugin's policy is none.
     """
-    scene, limits = float32_scene(scene), MotionLimits(*(np.asarray(array, np.float32) for array in limits))
+    scene, limits = (
+        float32_scene(without_way_over(scene)),
+        MotionLimits(*(np.asarray(array, np.float32) for array in limits)),
+    )
     if settings.kind in KINDS:
         return KINDS[settings.kind](scene, limits, settings)
     made = plugins.find("policy", settings.kind)(scene, limits, settings)

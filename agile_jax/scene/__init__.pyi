@@ -24,6 +24,7 @@ from .scene import (
     obstacle_boxes as obstacle_boxes,
     obstacle_clearances as obstacle_clearances,
     planar_scene as planar_scene,
+    without_way_over as without_way_over,
 )
 from .settings import (
     POSE_NAMES as POSE_NAMES,

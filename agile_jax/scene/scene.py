@@ -14,6 +14,7 @@ from agile_jax.scene.settings import POSE_NAMES, SceneSettings
 POSE_SIZE = len(POSE_NAMES)
 PoseLike = Sequence[float | int] | np.ndarray  # x y z yaw [m, m, m, rad]
 # The outward faces of an upright box, by where the obstacle lies for who passes: name, axis, sign of the normal.
+HEADROOM = 0.1  # that obstacles without a way over keep above the highest torso, more than any margin [m]
 BOX_FACES = (("left", 1, +1), ("right", 1, -1), ("front", 0, -1), ("back", 0, +1), ("under", 2, -1), ("over", 2, +1))
 FLAT = 1e-4  # [m] half the room that a fixed height leaves a solver
 
@@ -70,7 +71,8 @@ def obstacle_clearances(
 ) -> Float[AnyArray, "*batch n"]:
     """Exact signed distance of the torso's box, turned by its yaw, to each of the obstacles' boxes [m].
 
-    Positive: Euclidean distance. Negative: minus the penetration depth.
+    Positive: Euclidean distance. Negative: minus the penetration depth. The torso's box reaches down to the floor, on
+    which its legs stand: a pose over an obstacle is not clear of it, however high.
 
     Args:
         scene: a scene of n boxes.
@@ -87,9 +89,8 @@ def obstacle_clearances(
         xp.asarray(scene.obstacle_yaws),
         xp,
     )
-    vertical = (
-        xp.abs(pose[..., 2] - scene.obstacle_centers[:, 2]) - scene.obstacle_half_sizes[:, 2] - scene.torso_half_size[2]
-    )
+    below = scene.obstacle_centers[:, 2] - pose[..., 2]
+    vertical = below - scene.obstacle_half_sizes[:, 2] - scene.torso_half_size[2]
     return prism_distance(planar, vertical, xp)
 
 
@@ -98,6 +99,20 @@ def clearance(scene: Scene, pose: Float[AnyArray, "*batch 4"], xp: ModuleType = 
     if len(scene.obstacle_centers) == 0:
         return xp.full(pose.shape[:-1], xp.inf)
     return obstacle_clearances(scene, pose, xp).min(-1)
+
+
+def without_way_over(scene: Scene) -> Scene:
+    """The scene whose obstacles reach so high that none can be passed over: the robot's legs stand on the floor."""
+    reach = scene.upper[2] + scene.torso_half_size[2]
+    bottoms = scene.obstacle_centers[:, 2] - scene.obstacle_half_sizes[:, 2]
+    tops = scene.obstacle_centers[:, 2] + scene.obstacle_half_sizes[:, 2]
+    low = tops < reach + HEADROOM
+    if not low.any():
+        return scene
+    tops = np.where(low, np.maximum(reach, bottoms) + 2 * HEADROOM, tops)
+    centers, halves = scene.obstacle_centers.copy(), scene.obstacle_half_sizes.copy()
+    centers[low, 2], halves[low, 2] = ((tops + bottoms) / 2)[low], ((tops - bottoms) / 2)[low]
+    return scene._replace(obstacle_centers=centers, obstacle_half_sizes=halves)
 
 
 def planar_scene(scene: Scene) -> Scene:

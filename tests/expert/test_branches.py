@@ -10,7 +10,7 @@ from agile_jax.expert.search.routes import RouteSearch
 from agile_jax.expert.space.nearby_obstacles import first_met, first_obstacles
 from agile_jax.expert.space.regions import make_free_space
 from agile_jax.geometry import rotation_2d
-from agile_jax.scene import SceneSettings, make_scene
+from agile_jax.scene import SceneSettings, clearance, make_scene
 
 TABLE = {"kind": "table", "position": [1.5, 0.0], "size": [0.8, 1.0], "underside": 0.25}
 LEGS = {"leg_size": [0.05, 0.05]}
@@ -36,7 +36,6 @@ def path(corners, turn=0.0, mirrored=False):
     [
         (TABLE, LINE, "under"),
         (TABLE | LEGS, LINE, "under"),
-        (LOW, [[0.0, 0.0, 0.3], [3.0, 0.0, 0.3]], "over"),
         (TABLE, AROUND, "left"),
         (TABLE | LEGS, AROUND, "left"),
         (TABLE, CORNER, "left"),
@@ -84,21 +83,18 @@ def test_only_an_overlap_is_under():
         assert {branch_name(scene, poses)} == names
 
 
-def test_what_was_never_near_is_named():
-    """The box is far below the straight line, and the table far beside it; both are left out of the search."""
+def test_no_path_leads_over_what_stands_on_the_floor():
+    """However low the box and high the torso: the robot's legs stand on the floor. The lower, the same way round."""
     far = TABLE | {"position": [1.5, 2.2], "size": [0.4, 0.4]}
-    scene = make_scene(
-        SceneSettings(
-            obstacles=[LOW, far, TABLE | {"position": [-1.0, 2.2], "size": [0.4, 0.4]}],
-            upper=(4.5, 3.0, 0.5, 3.2),
-            target=(3.0, 0.0, 0.3, 0.0),
-        )
-    )
-    start = np.array([0.0, 0.0, 0.3, 0.0])
-    assert not first_obstacles(Problem(scene, start, "rest", SETTINGS), 0.03).any()
-    solution = make_expert(scene, SETTINGS).solve(start)
-    assert solution.branch == "over"
-    assert solution.routes[0][0] == "over"
+    found = []
+    for height in (0.02, 0.1, 0.6):
+        box = LOW | {"position": [1.5, 0.05, height / 2], "size": [0.3, 1.0, height]}
+        scene = make_scene(SceneSettings(obstacles=[box, far], upper=(4.5, 3.0, 0.5, 3.2), target=(3.0, 0.0, 0.3, 0.0)))
+        assert clearance(scene, np.array([1.5, 0.0, 0.5, 0.0])) < 0
+        found.append(make_expert(scene, SETTINGS).solve([0.0, 0.0, 0.3, 0.0]))
+        assert clearance(scene, found[-1].trajectory.states[:, :4]).min() > 0.02
+    assert {solution.branch for solution in found} == {"right"}
+    assert np.ptp([solution.duration for solution in found]) < 1e-6
 
 
 def test_boxes_of_one_table_are_chosen_together():

@@ -75,14 +75,6 @@ def test_low_table_is_passed_at_the_side_and_mirrored():
     assert expert.solve([0.0, 0.0, 0.28, 0.0]).branch == "left"
 
 
-def test_box_is_climbed_over_when_the_bounds_allow():
-    box = {"kind": "box", "position": [1.5, 0.0, 0.05], "size": [0.3, 4.0, 0.1]}
-    scene = make_scene(SceneSettings(obstacles=[box], upper=(4.5, 3.0, 0.5, 3.2)))
-    solution = make_expert(scene, ExpertSettings()).solve([0.0, 0.0, 0.28, 0.0])
-    assert (solution.status, solution.branch) == ("solved", "over")
-    assert solution.clearance_violation == 0
-
-
 def test_two_tables_in_a_row():
     scene = make_scene(SceneSettings(obstacles=[TABLE | {"position": [0.9, 0.0]}, TABLE | {"position": [2.0, 0.3]}]))
     solution = make_expert(scene, ExpertSettings(nodes=120)).solve([0.0, 0.0, 0.28, 0.0])

@@ -43,7 +43,8 @@ def test_clearance_is_that_of_sampled_surfaces(scene):
     for pose, row in zip(poses, ours, strict=True):
         for i, distance in enumerate(row):
             obstacle = (scene.obstacle_centers[i], scene.obstacle_half_sizes[i], scene.obstacle_yaws[i])
-            torso = (pose[:3], scene.torso_half_size, pose[3])
+            top = pose[2] + scene.torso_half_size[2]  # down to the floor, on which the legs stand
+            torso = (np.append(pose[:2], top / 2), np.append(scene.torso_half_size[:2], top / 2), pose[3])
             sampled = min(
                 box_distance(box_surface(*torso), *obstacle).min(), box_distance(box_surface(*obstacle), *torso).min()
             )

@@ -6,7 +6,7 @@ from agile_jax.geometry import support
 from agile_jax.scene import Scene, obstacle_boxes
 
 # Of equally good routes the first wins; others follow by name.
-BRANCH_ORDER = ("direct", "under", "left", "right", "over")
+BRANCH_ORDER = ("direct", "under", "left", "right")
 AXES = np.eye(2)
 TOUCHING = 1e-6  # [m] a path along a face is beside the obstacle
 
@@ -19,8 +19,8 @@ def branch_rank(branch: str) -> tuple[int, str]:
 def branch_name(scene: Scene, poses: np.ndarray) -> str:
     """How a path passes the obstacles, in the words of whoever walks along it.
 
-    Per obstacle of the settings, whatever it is made of: "under" or "over" when the torso is ever below or above it,
-        also between its legs; else, unless the whole path lies beyond one of its faces, "left" or "right" by the way in
+    Per obstacle of the settings, whatever it is made of: "under" when the torso is ever below it, also between its
+        legs; else, unless the whole path lies beyond one of its faces, "left" or "right" by the way in
         which the path goes round it ("left": the obstacle stays on the right). Joined by "+" for several obstacles;
         "direct" when nothing of it applies.
 
@@ -45,7 +45,7 @@ def branch_name(scene: Scene, poses: np.ndarray) -> str:
             & (np.abs(own_across) < torso[1] + support(half[:2], AXES[1], turn) - TOUCHING)
         )
         if overlaps.any():
-            names.append("under" if heights[overlaps.argmax()] < center[2] else "over")
+            names.append("under")
             continue
         low = min(float(scene.obstacle_centers[box, 2] - scene.obstacle_half_sizes[box, 2]) for box in boxes)
         beyond = (
@@ -54,7 +54,6 @@ def branch_name(scene: Scene, poses: np.ndarray) -> str:
             or (across >= reach_across).all()
             or (across <= -reach_across).all()
             or bool((heights + torso[2] <= low).all())
-            or bool((heights - torso[2] >= center[2] + half[2]).all())
         )
         if not beyond:
             turned = np.unwrap(np.arctan2(apart[:, 1], apart[:, 0]))
