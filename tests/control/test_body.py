@@ -5,8 +5,9 @@ import mujoco
 import numpy as np
 import pytest
 
-from agile_jax.control import ControlSettings
-from agile_jax.control.body import turning_inertia
+from agile_jax.control import ControlSettings, Reference
+from agile_jax.control.body import slowed, turning_inertia
+from agile_jax.control.joint_model import top_speed
 from agile_jax.robot import (
     RobotSettings,
     build_mujoco_model,
@@ -83,3 +84,29 @@ def test_swinging_legs_are_stable_without_rotors_whatever_the_true_damping(dampi
             from_place = -dt * inverse * settings.swing_stiffness
             step = np.block([[np.eye(3) + dt * from_place, dt * to_velocity], [from_place, to_velocity]])
             assert np.abs(np.linalg.eigvals(step)).max() < 0.999
+
+
+def test_joints_that_take_twice_the_torque_walk_half_as_fast_and_the_a1_as_it_did() -> None:
+    heavy = ROBOT._replace(joint_damping=2 * ROBOT.joint_damping, joint_friction=np.zeros(12))
+    light = ROBOT._replace(joint_friction=np.zeros(12))
+    height, duty = jnp.float32(0.156), jnp.float32(0.55)
+    assert top_speed(light, height, duty) == pytest.approx(2 * float(top_speed(heavy, height, duty)), rel=1e-5)
+    assert top_speed(ROBOT, height, duty) > 1.3  # what is asked of it under a table is 1 m/s
+    free = ROBOT._replace(joint_damping=np.zeros(12))
+    assert top_speed(free, height, duty) > 100.0
+    s = np.linspace(0, 1, 2001)
+    rms = np.sqrt(np.mean((6 * s * (1 - s) / 0.45 - 1) ** 2))  # of the foot over the speed of the trunk
+    turning = 33.5 / 4.0
+    assert top_speed(heavy, height, duty) == pytest.approx(turning * (0.156 - 0.02) / rms, rel=1e-3)
+
+
+def test_a_slowed_reference_goes_the_same_way() -> None:
+    pose = jnp.array([1.0, 0.5, 0.2, 0.1])
+    velocities = jnp.tile(jnp.array([0.8, 0.6, -0.2, 0.4]), (5, 1))
+    poses = pose + 0.03 * jnp.arange(1.0, 6.0)[:, None] * velocities
+    reference = Reference(pose, velocities[0], poses, velocities)
+    half = slowed(reference, jnp.float32(0.5))
+    np.testing.assert_allclose(half.velocities, velocities / 2, rtol=1e-6)
+    np.testing.assert_allclose(half.poses - pose, (poses - pose) / 2, rtol=1e-4, atol=1e-6)
+    for before, after in zip(reference, slowed(reference, jnp.float32(2.0)), strict=True):
+        np.testing.assert_allclose(after, before, rtol=1e-6)
