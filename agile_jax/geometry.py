@@ -130,6 +130,28 @@ def quaternion_to_rpy(quaternion: Float[AnyArray, "*shape 4"], xp: ModuleType = 
     return xp.stack([roll, pitch, yaw], -1)
 
 
+def quaternion_product(
+    first: Float[AnyArray, "*#shape 4"], second: Float[AnyArray, "*#shape 4"], xp: ModuleType = np
+) -> Float[AnyArray, "*shape 4"]:
+    """The quaternion wxyz of the rotation `second` followed by `first`, about fixed axes."""
+    (w, x, y, z), (a, b, c, d) = (tuple(one[..., i] for i in range(4)) for one in (first, second))
+    return xp.stack(
+        [
+            w * a - x * b - y * c - z * d,
+            w * b + x * a + y * d - z * c,
+            w * c - x * d + y * a + z * b,
+            w * d + x * c - y * b + z * a,
+        ],
+        -1,
+    )
+
+
+def rotation_quaternion(turn: Float[AnyArray, "*shape 3"], xp: ModuleType = np) -> Float[AnyArray, "*shape 4"]:
+    """The quaternion wxyz of a turn about a vector by its length [rad]."""
+    angle = xp.sqrt(xp.sum(turn**2, -1, keepdims=True) + 1e-24)
+    return xp.concatenate([xp.cos(angle / 2), xp.sin(angle / 2) / angle * turn], -1)
+
+
 def yaw_to_quaternion(yaw: Float[AnyArray, "*shape"] | float, xp: ModuleType = np) -> Float[AnyArray, "*shape 4"]:
     """The quaternion wxyz of a turn by `yaw` [rad] about the vertical."""
     zero = xp.zeros_like(yaw)

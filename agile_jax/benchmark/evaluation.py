@@ -14,7 +14,6 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 import jax
-import jax.numpy as jnp
 import mujoco
 import mujoco.rollout
 import numpy as np
@@ -132,7 +131,8 @@ def _measure(experiment: Experiment, run_dir: pathlib.Path, batch: int, threads:
     speed = batch * simulated / min(repeat() for _ in range(REPETITIONS))
     if isinstance(slots, MjxSlots):
         return speed, None
-    return speed, _parts(slots, backend.qpos(evaluation_starts(experiment)), threads, backend.plan_dt)
+    qpos, keys = backend.qpos(evaluation_starts(experiment)), backend.keys(np.arange(batch))
+    return speed, _parts(slots, qpos, keys, threads, backend.plan_dt)
 
 
 def _prepare(
@@ -146,7 +146,7 @@ def _prepare(
     advances = max(1, round(SIMULATED / segment))
 
     def begin() -> None:
-        slots.begin(everyone, qpos, limits)
+        slots.begin(everyone, qpos, limits, None, backend.keys(everyone))
 
     begin()
     slots.advance()  # compiles
@@ -180,7 +180,7 @@ class _Timed:
         return world, sensed
 
 
-def _parts(slots: MujocoSlots, qpos: np.ndarray, threads: int, plan_dt: float) -> Parts:
+def _parts(slots: MujocoSlots, qpos: np.ndarray, keys: np.ndarray, threads: int, plan_dt: float) -> Parts:
     """The time of each part of the loop: the fastest of the repetitions."""
     acts = slots.loop.acts_per_plan
     plans = max(1, round(SIMULATED / plan_dt))
@@ -188,7 +188,7 @@ def _parts(slots: MujocoSlots, qpos: np.ndarray, threads: int, plan_dt: float) -
     for _ in range(REPETITIONS):
         clocked = _Timed(slots)
         sensed = slots.physics.reset(qpos)
-        episodes = slots.loop.first(sensed, jnp.full(len(qpos), ENDLESS, jnp.float32))
+        episodes = slots.loop.first(sensed, np.full(len(qpos), ENDLESS, np.float32), keys)
         for _ in range(plans):
             _, episodes, sensed = plan_cycle(
                 clocked.plan, clocked.act, clocked.step, None, episodes, sensed, acts, on_host

@@ -86,6 +86,9 @@ class ControlSettings(Settings):
     """When each foot stands, and how it swings."""
     mpc: MpcSettings = MpcSettings()
     """Prediction, weights and limits of the forces."""
+    state: Literal["ideal", "estimated"] = "ideal"
+    """What the controller knows of the robot's state: the truth, or an estimate from the sensors that [sensors]
+    describes."""
     control_dt: Positive = 0.002
     """Time between two torques [s]."""
     plan_dt: Positive = 0.02

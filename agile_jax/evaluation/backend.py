@@ -9,10 +9,10 @@ from functools import partial
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Float, Int, PyTree
+from jaxtyping import Array, Float, Int, PyTree, UInt32
 from threadpoolctl import threadpool_limits
 
-from agile_jax.control import make_controller
+from agile_jax.control import Estimator, make_controller
 from agile_jax.evaluation.planners import ExpertPlanner
 from agile_jax.evaluation.settings import EvaluationSettings
 from agile_jax.experiment import Experiment
@@ -33,14 +33,17 @@ from agile_jax.robot import (
 from agile_jax.scene import POSE_SIZE, Scene, make_scene, planar_scene, streams
 from agile_jax.settings import BadInput
 from agile_jax.simulation import (
+    IDEAL,
     BulletPhysics,
     ClosedLoop,
+    Estimated,
     Guidance,
     HostPhysics,
     Implementation,
     MjxSlots,
     MujocoPhysics,
     MujocoSlots,
+    Perception,
     batch_loop,
     check_bullet,
     check_warp,
@@ -74,6 +77,7 @@ class Backend:
         planner: the expert that plans while the episodes run, or None.
         target: pose [m, rad].
         draw: the robots of episodes by their numbers, where each has its own.
+        stream: of random numbers, of the sensors.
     """
 
     slots: MujocoSlots | MjxSlots
@@ -85,6 +89,7 @@ class Backend:
     planner: ExpertPlanner | None
     target: Float[np.ndarray, "4"]
     draw: Callable[[Int[np.ndarray, " n"]], Plant] | None
+    stream: tuple[int, ...]
 
     def plants(self, episodes: Int[np.ndarray, " n"], push_after: Float[np.ndarray, " n"]) -> Plant | None:
         """The robots of episodes by their numbers; None where all are as the model says.
@@ -94,6 +99,11 @@ class Backend:
             push_after: from `simulation.push_after` [s].
         """
         return None if self.draw is None else self.draw(episodes)._replace(push_after=push_after)
+
+    def keys(self, episodes: Int[np.ndarray, " n"]) -> UInt32[np.ndarray, "n 2"]:
+        """Of what is random in episodes, by their numbers."""
+        sequences = [np.random.SeedSequence((*self.stream, episode)) for episode in episodes.tolist()]
+        return np.stack([sequence.generate_state(2) for sequence in sequences])
 
     def qpos(self, starts: Float[np.ndarray, "n 4"]) -> Float[np.ndarray, "n 19"]:
         """The coordinates of the robot that stands at poses [m, rad]."""
@@ -142,8 +152,11 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
     model = build_mujoco_model(scene, experiment.robot, control.control_dt / settings.substeps)
     set_solver(model, settings.physics.integrator, settings.physics.cone)
     controller, limit = make_controller(robot, control), np.array(experiment.expert.acceleration)
-    loop = ClosedLoop(scene, robot, collision_shapes(model), control, guidance, limit, controller)
-    draw = _plants(experiment)
+    perception: Perception = IDEAL
+    if control.state == "estimated":
+        perception = Estimated(experiment.sensors, Estimator(robot, experiment.sensors, control.control_dt))
+    loop = ClosedLoop(scene, robot, collision_shapes(model), control, guidance, limit, controller, perception)
+    draw, keys = _plants(experiment), (experiment.seed, streams.SENSORS, settings.seed)
     running: MujocoSlots | MjxSlots
     if settings.backend in ("mujoco", "pybullet"):
         physics: HostPhysics
@@ -159,7 +172,9 @@ def make_backend(experiment: Experiment, parameters: PyTree, slots: int, threads
         implementation: Implementation = "warp" if settings.backend == "mjx-warp" else "jax"
         initial = mjx_init(model, implementation, -(-slots // devices))
         running, device = MjxSlots(mjx_loop(loop, initial, devices), slots, parameters), jax.devices()[0].device_kind
-    return Backend(running, robot, str(device), control.plan_dt, guidance, parameters, planner, scene.target, draw)
+    return Backend(
+        running, robot, str(device), control.plan_dt, guidance, parameters, planner, scene.target, draw, keys
+    )
 
 
 def _plants(experiment: Experiment) -> Callable[[Int[np.ndarray, " n"]], Plant] | None:

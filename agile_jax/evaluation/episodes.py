@@ -71,7 +71,12 @@ def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[Ended
         last(holds)
 
     for indices, rollout in stream(
-        backend.slots, backend.qpos(work.starts), work.limits, watch, backend.plants(work.episodes, work.push_after)
+        backend.slots,
+        backend.qpos(work.starts),
+        work.limits,
+        watch,
+        backend.plants(work.episodes, work.push_after),
+        backend.keys(work.episodes),
     ):
         columns = {"episode": work.episodes[indices], **episode_columns(rollout)}
         for i, index in enumerate(indices.tolist()):

@@ -48,8 +48,10 @@ def rollout_one(
         recorder(holds)
         progress("episode", 0, 1)
 
-    plant = backend.plants(np.zeros(1, int), push_after(np.array([expert_time]), [solution.branch]))
-    rollout = gather(1, stream(backend.slots, backend.qpos(pose[None]), limits, record, plant))
+    first = np.zeros(1, int)
+    plant = backend.plants(first, push_after(np.array([expert_time]), [solution.branch]))
+    steps = stream(backend.slots, backend.qpos(pose[None]), limits, record, plant, backend.keys(first))
+    rollout = gather(1, steps)
     outcome, trace = rollout.outcome, recorder.traces(scene, backend.plan_dt)[0]
     name = OUTCOME_NAMES[int(outcome.status[0])]
     return trace, {

@@ -26,7 +26,7 @@ from agile_jax.files import hash_json
 from agile_jax.plugins import load
 from agile_jax.policy.settings import AnyPolicy, PolicySettings
 from agile_jax.report.settings import ReportSettings
-from agile_jax.robot.settings import PlantSettings, RobotSettings
+from agile_jax.robot.settings import PlantSettings, RobotSettings, SensorSettings
 from agile_jax.scene.settings import SceneSettings
 from agile_jax.settings import BadInput, Settings
 from agile_jax.study.settings import StudySettings
@@ -61,6 +61,8 @@ class Experiment(Settings):
     """Which robot."""
     plant: PlantSettings = PlantSettings()
     """How the simulated robot differs from what the controller is told of it."""
+    sensors: SensorSettings = SensorSettings()
+    """What the robot senses of itself, where its state is estimated."""
     control: AnyControl = ControlSettings()
     """The whole-body controller: gait, MPC, swing legs."""
     evaluation: EvaluationSettings = EvaluationSettings()

@@ -48,7 +48,11 @@ from .plant import (
     draw_plants as draw_plants,
     plant_model as plant_model,
 )
-from .settings import PlantSettings as PlantSettings, RobotSettings as RobotSettings
+from .settings import (
+    PlantSettings as PlantSettings,
+    RobotSettings as RobotSettings,
+    SensorSettings as SensorSettings,
+)
 from .stride import (
     LEAST_LIFT as LEAST_LIFT,
     StrideTable as StrideTable,

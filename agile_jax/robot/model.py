@@ -59,6 +59,10 @@ class RobotState(NamedTuple):
     joint_vel: Float[AnyArray, "*batch 12"]  # [rad/s]
     foot_contact: Bool[AnyArray, "*batch 4"] | None = None  # what the feet touch; None where they cannot feel
 
+    def pose(self, xp: ModuleType = np) -> Float[AnyArray, "*batch 4"]:
+        """[x, y, z, yaw] of the trunk [m, rad]."""
+        return trunk_pose(xp.concatenate([self.base_pos, self.base_quat], -1), xp)
+
 
 def load_robot(settings: RobotSettings) -> RobotModel:
     """The robot that `settings` name, in float64.

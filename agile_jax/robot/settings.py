@@ -92,3 +92,35 @@ class PlantSettings(Settings):
     """Speed at which the motors give no torque any more: the limit falls linearly from half of it on [rad/s]. Without a
     value the limit is the same at every speed.
     """
+
+
+class SensorSettings(Settings):
+    """What the robot knows of itself with `control.state = "estimated"`: standard deviations of normal errors. Noise is
+    drawn anew at each sample, biases once an episode. Sampled every `control.control_dt`.
+
+    IMU: one for hobbyists. The MPU-6050's data sheet says 0.005 deg/s/sqrt(Hz) and 400 ug/sqrt(Hz), over 260 Hz 0.0014
+    rad/s and 0.06 m/s^2; here more, since legs shake it. Biases are what zeroing at rest leaves of its 20 deg/s and 50
+    mg. It sits in the trunk's origin, as the A1's does.
+    """
+
+    gyro_noise: NonNegative = 0.005
+    """Noise of the gyroscope [rad/s]."""
+    gyro_bias: NonNegative = 0.003
+    """Bias of the gyroscope [rad/s]."""
+    accelerometer_noise: NonNegative = 0.1
+    """Noise of the accelerometer [m/s^2]."""
+    accelerometer_bias: NonNegative = 0.1
+    """Bias of the accelerometer [m/s^2]."""
+    encoder_noise: NonNegative = 0.001
+    """Noise of the joints' angles, their resolution included [rad]; as Bloesch et al. (2012) have."""
+    encoder_bias: NonNegative = 0.003
+    """Error of the joints' zeros [rad]."""
+    joint_velocity_noise: NonNegative = 0.1
+    """Noise of the joints' velocities [rad/s]."""
+    delay: NonNegative = 0.002
+    """Age of what the sensors tell, rounded to `control.control_dt` [s]."""
+    localisation_rate: NonNegative = 0.0
+    """How often something else, such as cameras on the walls, tells x, y and yaw [1/s]. 0: never; they are counted from
+    the start on, which is known."""
+    localisation_noise: Annotated[tuple[NonNegative, NonNegative], Field(strict=False)] = (0.01, 0.01)
+    """Noise of what it tells: x and y [m], yaw [rad]."""

@@ -12,5 +12,6 @@ KINEMATIC_TEST_STARTS = 7_002  # (seed, 7002): after training
 INTERMEDIATE_TEST_STARTS = 7_003  # (seed, 7003): between epochs
 AGGREGATION_STARTS = 7_004  # (seed, 7004, round)
 PLANTS = 7_005  # (seed, 7005, evaluation.seed, episode)
+SENSORS = 7_006  # (seed, 7006, evaluation.seed, episode)
 DISTURBANCES = 7_002  # (seed, 7002, episode), of the tracking benchmark
 COMMANDS = 7_003  # (seed, 7003, episode), of the tracking benchmark

@@ -5,6 +5,7 @@ from .mjx_slots import MjxSlots as MjxSlots, mjx_loop as mjx_loop
 from .mujoco_slots import MujocoSlots as MujocoSlots, batch_loop as batch_loop
 from .outcome import OUTCOME_NAMES as OUTCOME_NAMES, SUCCESS as SUCCESS, UNSTABLE as UNSTABLE, Outcome as Outcome
 from .paths import PathPlanner as PathPlanner, TimedPath as TimedPath, path_guidance as path_guidance
+from .perception import IDEAL as IDEAL, Estimated as Estimated, Perception as Perception
 from .physics.bullet_physics import BulletPhysics as BulletPhysics
 from .physics.bullet_world import check_bullet as check_bullet
 from .physics.host_physics import HostPhysics as HostPhysics

@@ -11,13 +11,14 @@ from typing import NamedTuple, TypeVar
 import jax
 import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, PyTree
+from jaxtyping import Array, Bool, Float, PyTree, UInt32
 
 from agile_jax.control import Controller, ControlSettings, Diagnostics
-from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, own_clearance, trunk_pose
+from agile_jax.robot import CollisionShapes, RobotModel, body_clearance, own_clearance
 from agile_jax.scene import Scene
 from agile_jax.simulation.outcome import RUNNING, Outcome, init_outcome, update_outcome
 from agile_jax.simulation.paths import TimedPath
+from agile_jax.simulation.perception import IDEAL, Perception
 from agile_jax.simulation.reference import Guidance, ReferenceState, plan_reference
 from agile_jax.simulation.sensed import Sensed
 from agile_jax.single_precision import in_float32
@@ -29,6 +30,7 @@ class Episode(NamedTuple):
     """State of the closed loop of one robot."""
 
     controller: PyTree  # its state
+    perception: PyTree  # its state
     reference: ReferenceState
     outcome: Outcome
     diagnostics: Diagnostics  # of the controller; once the episode has ended, its counts stay
@@ -47,6 +49,7 @@ class ClosedLoop:
         guidance: what the reference follows: `policy_guidance` of a policy, or `path_guidance`.
         acceleration_limit: of the reference [m/s^2, rad/s^2].
         controller: for example `control.make_controller(robot, settings)`.
+        perception: what controller and reference are told of the robot's state.
     """
 
     scene: Scene
@@ -56,6 +59,7 @@ class ClosedLoop:
     guidance: Guidance
     acceleration_limit: Float[np.ndarray, "4"]
     controller: Controller[PyTree]
+    perception: Perception = IDEAL
 
     @property
     def acts_per_plan(self) -> int:
@@ -63,17 +67,25 @@ class ClosedLoop:
         return round(self.settings.plan_dt / self.settings.control_dt)
 
     @in_float32
-    def init(self, sensed: Sensed, time_limit: Float[Array, ""]) -> Episode:
+    def init(self, sensed: Sensed, time_limit: Float[Array, ""], key: UInt32[Array, "2"]) -> Episode:
         """Begin an episode.
 
         Args:
             sensed: of a robot at rest.
             time_limit: after which the episode ends [s].
+            key: of what is random in the episode.
         """
-        state = self.controller.init(sensed.robot_state)
-        reference = ReferenceState(trunk_pose(sensed.qpos, jnp), jnp.zeros(4))
+        perception = self.perception.init(sensed, key)
+        _, robot_state = self.perception.look(perception, sensed)
+        state = self.controller.init(robot_state)
+        reference = ReferenceState(robot_state.pose(jnp), jnp.zeros(4))
         diagnostics = self.controller.diagnostics(state)
-        return Episode(state, reference, init_outcome(time_limit), diagnostics, jnp.zeros(12))
+        return Episode(state, perception, reference, init_outcome(time_limit), diagnostics, jnp.zeros(12))
+
+    @in_float32
+    def believed_pose(self, episode: Episode, sensed: Sensed) -> Float[Array, "4"]:
+        """[x, y, z, yaw] of the trunk as the controller is told of it now [m, rad]."""
+        return self.perception.look(episode.perception, sensed)[1].pose(jnp)
 
     @in_float32
     def plan(self, parameters: PyTree, path: TimedPath | None, episode: Episode, sensed: Sensed) -> Episode:
@@ -85,15 +97,16 @@ class ClosedLoop:
             episode: from `init` or `act`.
             sensed: now.
         """
+        _, robot_state = self.perception.look(episode.perception, sensed)  # `act` looks at the same, and remembers
         reference_state, reference = plan_reference(
             partial(self.guidance, parameters, path),
             episode.reference,
-            trunk_pose(sensed.qpos, jnp),
+            robot_state.pose(jnp),
             episode.outcome.time,
             jnp.asarray(self.acceleration_limit, jnp.float32),
             self.settings,
         )
-        planned = self.controller.plan(episode.controller, sensed.robot_state, reference)
+        planned = self.controller.plan(episode.controller, robot_state, reference)
         return episode._replace(
             controller=planned, reference=reference_state, diagnostics=self._diagnostics(episode, planned)
         )
@@ -117,9 +130,15 @@ class ClosedLoop:
             jnp.asarray(self.robot.torque_limit, jnp.float32),
             self.settings.control_dt,
         )
-        state, torque = self.controller.act(episode.controller, sensed.robot_state)
-        diagnostics = self._diagnostics(episode, state)
-        return episode._replace(controller=state, outcome=outcome, diagnostics=diagnostics, torque=torque)
+        perception, robot_state = self.perception.look(episode.perception, sensed)
+        state, torque = self.controller.act(episode.controller, robot_state)
+        return episode._replace(
+            controller=state,
+            perception=perception,
+            outcome=outcome,
+            diagnostics=self._diagnostics(episode, state),
+            torque=torque,
+        )
 
     def _diagnostics(self, episode: Episode, state: PyTree) -> Diagnostics:
         running = episode.outcome.status == RUNNING

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.sharding import Mesh, PartitionSpec
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree, UInt32
 
 from agile_jax.robot import Plant
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
@@ -20,7 +20,7 @@ from agile_jax.simulation.outcome import RUNNING
 from agile_jax.simulation.physics.mjx_physics import MjxModel, mjx, mjx_reset, mjx_step
 from agile_jax.simulation.plan_cycle import compiled, plan_cycle
 from agile_jax.simulation.sensed import Sensed
-from agile_jax.simulation.streaming import Rollout
+from agile_jax.simulation.streaming import Rollout, for_all
 from agile_jax.simulation.traces import Sample, sample_of
 
 SEGMENT = 10  # plans between two looks at who has ended
@@ -42,9 +42,19 @@ Recorded = tuple[Bool[Array, "..."], Sample]  # was it running, samples: of each
 class MjxLoop:
     """Compiled functions of n robots, a multiple of the number of devices; compiled anew for each n."""
 
-    first: Callable[[Float[np.ndarray, "n nq"], Float[np.ndarray, " n"]], MjxState]  # (qpos, time limits [s])
-    # (where new episodes begin, qpos, time limits [s], states, which it consumes)
-    begin: Callable[[Bool[np.ndarray, " n"], Float[np.ndarray, "n nq"], Float[np.ndarray, " n"], MjxState], MjxState]
+    # (qpos, time limits [s], keys)
+    first: Callable[[Float[np.ndarray, "n nq"], Float[np.ndarray, " n"], UInt32[np.ndarray, "n 2"]], MjxState]
+    # (where new episodes begin, qpos, time limits [s], keys, states, which it consumes)
+    begin: Callable[
+        [
+            Bool[np.ndarray, " n"],
+            Float[np.ndarray, "n nq"],
+            Float[np.ndarray, " n"],
+            UInt32[np.ndarray, "n 2"],
+            MjxState,
+        ],
+        MjxState,
+    ]
     # (policy parameters, states, which it consumes) -> states a segment later, and what was on the way
     advance: Callable[[PyTree, MjxState], tuple[MjxState, Recorded]]
     devices: int
@@ -57,17 +67,22 @@ class MjxEpisode:
     loop: ClosedLoop
     model: MjxModel
 
-    def init(self, qpos: Float[Array, " nq"], limit: Float[Array, ""]) -> MjxState:
-        """Begin an episode at rest at coordinates `qpos`, with a time limit [s]."""
+    def init(self, qpos: Float[Array, " nq"], limit: Float[Array, ""], key: UInt32[Array, "2"]) -> MjxState:
+        """Begin an episode at rest at coordinates `qpos`, with a time limit [s]; `key` is of what is random."""
         nothing = jnp.bool_(False)
         sensed = Sensed(qpos, jnp.zeros(self.model.model.nv, qpos.dtype), nothing, nothing, jnp.zeros(4, bool))
-        return MjxState(mjx_reset(self.model, qpos), self.loop.init(sensed, limit), sensed, jnp.int32(0))
+        return MjxState(mjx_reset(self.model, qpos), self.loop.init(sensed, limit, key), sensed, jnp.int32(0))
 
     def begin(
-        self, mask: Bool[Array, " n"], qpos: Float[Array, "n nq"], limits: Float[Array, " n"], states: MjxState
+        self,
+        mask: Bool[Array, " n"],
+        qpos: Float[Array, "n nq"],
+        limits: Float[Array, " n"],
+        keys: UInt32[Array, "n 2"],
+        states: MjxState,
     ) -> MjxState:
         """Begin new episodes where `mask` is set, of many robots."""
-        return resume_from(mask, jax.vmap(self.init)(qpos, limits), states)
+        return resume_from(mask, jax.vmap(self.init)(qpos, limits, keys), states)
 
     def advance(self, parameters: PyTree, state: MjxState) -> tuple[MjxState, Recorded]:
         """A segment of plans."""
@@ -99,8 +114,8 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
     one = MjxEpisode(loop, model)
     mesh = Mesh(np.array(jax.devices()[:devices]), ("robots",))
     robots, everywhere = PartitionSpec("robots"), PartitionSpec()
-    first = jax.shard_map(jax.vmap(one.init), mesh=mesh, in_specs=(robots,) * 2, out_specs=robots, check_vma=False)
-    begin = jax.shard_map(one.begin, mesh=mesh, in_specs=(robots,) * 4, out_specs=robots, check_vma=False)
+    first = jax.shard_map(jax.vmap(one.init), mesh=mesh, in_specs=(robots,) * 3, out_specs=robots, check_vma=False)
+    begin = jax.shard_map(one.begin, mesh=mesh, in_specs=(robots,) * 5, out_specs=robots, check_vma=False)
     advance = jax.shard_map(
         jax.vmap(one.advance, in_axes=(None, 0)),
         mesh=mesh,
@@ -108,7 +123,7 @@ def mjx_loop(loop: ClosedLoop, model: MjxModel, devices: int = 1) -> MjxLoop:
         out_specs=robots,
         check_vma=False,
     )
-    return MjxLoop(jax.jit(first), jax.jit(begin, donate_argnums=3), jax.jit(advance, donate_argnums=1), devices)
+    return MjxLoop(jax.jit(first), jax.jit(begin, donate_argnums=4), jax.jit(advance, donate_argnums=1), devices)
 
 
 class MjxSlots:
@@ -133,6 +148,7 @@ class MjxSlots:
         qpos: Float[np.ndarray, "k nq"],
         time_limits: Float[np.ndarray, " k"],
         plants: Plant | None = None,
+        keys: UInt32[np.ndarray, "k 2"] | None = None,
     ) -> None:
         """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s].
 
@@ -140,13 +156,12 @@ class MjxSlots:
         """
         assert plants is None
         all_qpos = np.repeat(np.asarray(qpos[:1], np.float32), self._count, 0)
-        limits = np.zeros(self._count, np.float32)
-        mask = np.zeros(self._count, bool)
-        all_qpos[slots], limits[slots], mask[slots] = qpos, time_limits, True
+        all_qpos[slots] = qpos
+        mask, limits, all_keys = for_all(self._count, slots, time_limits, keys)
         if self._states is None:
-            self._states = self._loop.first(all_qpos, limits)
+            self._states = self._loop.first(all_qpos, limits, all_keys)
         else:
-            self._states = self._loop.begin(mask, all_qpos, limits, self._states)
+            self._states = self._loop.begin(mask, all_qpos, limits, all_keys, self._states)
 
     def advance(self) -> Int[np.ndarray, " count"]:
         """Simulate a segment; the status of every slot."""

@@ -4,20 +4,20 @@ import dataclasses
 from collections.abc import Callable
 
 import jax
-import jax.numpy as jnp
 import numpy as np
-from jaxtyping import Array, Bool, Float, Int, PyTree
+from jaxtyping import Array, Bool, Float, Int, PyTree, UInt32
 
 from agile_jax.robot import Plant, trunk_pose
 from agile_jax.scene import Scene
 from agile_jax.simulation.closed_loop import ClosedLoop, Episode, resume_from
 from agile_jax.simulation.outcome import RUNNING
 from agile_jax.simulation.paths import PathPlanner, TimedPath
+from agile_jax.simulation.perception import IDEAL
 from agile_jax.simulation.physics.host_physics import HostPhysics
 from agile_jax.simulation.plan_cycle import on_host, plan_cycle
 from agile_jax.simulation.pushes import Pushes
 from agile_jax.simulation.sensed import Sensed
-from agile_jax.simulation.streaming import Rollout
+from agile_jax.simulation.streaming import Rollout, for_all
 from agile_jax.simulation.traces import Sample, sample_of
 
 
@@ -25,31 +25,36 @@ from agile_jax.simulation.traces import Sample, sample_of
 class BatchLoop:
     """The functions of a closed loop for n robots, compiled once. `begin`, `plan` and `act` consume the episodes."""
 
-    first: Callable[[Sensed, Float[Array, " n"]], Episode]  # (sensed, time limits [s])
-    # (where new episodes begin, sensed, time limits [s], episodes)
-    begin: Callable[[Bool[np.ndarray, " n"], Sensed, Float[Array, " n"], Episode], Episode]
+    # (sensed, time limits [s], keys)
+    first: Callable[[Sensed, Float[np.ndarray, " n"], UInt32[np.ndarray, "n 2"]], Episode]
+    # (where new episodes begin, sensed, time limits [s], keys, episodes)
+    begin: Callable[
+        [Bool[np.ndarray, " n"], Sensed, Float[np.ndarray, " n"], UInt32[np.ndarray, "n 2"], Episode], Episode
+    ]
     plan: Callable[[PyTree, TimedPath | None, Episode, Sensed], Episode]  # of which the parameters lead with no n
     act: Callable[[Episode, Sensed], Episode]
     acts_per_plan: int
     control_dt: float  # [s]
     scene: Scene
+    believed_pose: Callable[[Episode, Sensed], Float[Array, "n 4"]] | None  # where it is not the true one [m, rad]
 
 
 def batch_loop(loop: ClosedLoop) -> BatchLoop:
     """Compile a closed loop for batches; keep it, a second one would compile again."""
     first = jax.vmap(loop.init)
 
-    def begin(mask: jax.Array, sensed: Sensed, limits: jax.Array, episodes: Episode) -> Episode:
-        return resume_from(mask, first(sensed, limits), episodes)
+    def begin(mask: jax.Array, sensed: Sensed, limits: jax.Array, keys: jax.Array, episodes: Episode) -> Episode:
+        return resume_from(mask, first(sensed, limits, keys), episodes)
 
     return BatchLoop(
         jax.jit(first),
-        jax.jit(begin, donate_argnums=3),
+        jax.jit(begin, donate_argnums=4),
         jax.jit(jax.vmap(loop.plan, in_axes=(None, 0, 0, 0)), donate_argnums=2),
         jax.jit(jax.vmap(loop.act), donate_argnums=0),
         loop.acts_per_plan,
         loop.settings.control_dt,
         loop.scene,
+        None if loop.perception is IDEAL else jax.jit(jax.vmap(loop.believed_pose)),
     )
 
 
@@ -91,18 +96,16 @@ class MujocoSlots:
         qpos: Float[np.ndarray, "k nq"],
         time_limits: Float[np.ndarray, " k"],
         plants: Plant | None = None,
+        keys: UInt32[np.ndarray, "k 2"] | None = None,
     ) -> None:
         """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s], of robots."""
-        limits = np.zeros(self.count, np.float32)
-        limits[slots] = time_limits
-        mask = np.zeros(self.count, bool)
-        mask[slots] = True
+        mask, limits, all_keys = for_all(self.count, slots, time_limits, keys)
         if self._episodes is None:  # slots that are still free hold copies, which are never stepped
             self._sensed = self.physics.reset(np.repeat(qpos[:1], self.count, 0))
-            self._episodes = self.loop.first(self._sensed, jnp.asarray(limits))
+            self._episodes = self.loop.first(self._sensed, limits, all_keys)
         self._sensed = self.physics.reset(qpos, slots, plants)
         self._pushes.reset(slots, plants)
-        self._episodes = self.loop.begin(mask, self._sensed, jnp.asarray(limits), self._episodes)
+        self._episodes = self.loop.begin(mask, self._sensed, limits, all_keys, self._episodes)
         if self._planner is not None:
             self._planner.begin(slots, trunk_pose(qpos))
         self._active |= mask
@@ -116,6 +119,8 @@ class MujocoSlots:
         if self._pushes.waiting:
             self._pushes.plan(poses, times, self._active)
         if self._planner is not None:
+            if self.loop.believed_pose is not None:
+                poses = np.asarray(self.loop.believed_pose(episodes, self._sensed), float)
             self._planner.advance(poses, times, self._active)
             self._paths = self._planner.paths
         self._plans += self._active

@@ -10,7 +10,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import jax
 import numpy as np
-from jaxtyping import Float, Int
+from jaxtyping import Bool, Float, Int, UInt32
 
 from agile_jax.control import Counts
 from agile_jax.robot import Plant
@@ -39,8 +39,17 @@ class Slots(Protocol):
         qpos: Float[np.ndarray, "k nq"],
         time_limits: Float[np.ndarray, " k"],
         plants: Plant | None = None,
+        keys: UInt32[np.ndarray, "k 2"] | None = None,
     ) -> None:
-        """Start new episodes in some slots, from rest at coordinates `qpos`, with time limits [s], of robots."""
+        """Start new episodes in some slots.
+
+        Args:
+            slots: k of them.
+            qpos: from rest at these coordinates.
+            time_limits: [s].
+            plants: the robots.
+            keys: of what is random in the episodes; without them all are (0, 0).
+        """
 
     def advance(self) -> Int[np.ndarray, " count"]:
         """Simulate a while; return the status of every slot. What has ended does not change."""
@@ -49,12 +58,27 @@ class Slots(Protocol):
         """The results in some slots."""
 
 
+def for_all(
+    count: int,
+    slots: Int[np.ndarray, " k"],
+    time_limits: Float[np.ndarray, " k"],
+    keys: UInt32[np.ndarray, "k 2"] | None,
+) -> tuple[Bool[np.ndarray, " count"], Float[np.ndarray, " count"], UInt32[np.ndarray, "count 2"]]:
+    """What some slots begin with, as arrays for all of them: which begin, time limits [s] and keys."""
+    mask, limits, all_keys = np.zeros(count, bool), np.zeros(count, np.float32), np.zeros((count, 2), np.uint32)
+    mask[slots], limits[slots] = True, time_limits
+    if keys is not None:
+        all_keys[slots] = keys
+    return mask, limits, all_keys
+
+
 def stream(
     slots: Slots,
     qpos: Float[np.ndarray, "n nq"],
     time_limits: Float[np.ndarray, " n"],
     watch: Callable[[np.ndarray], None] | None = None,
     plants: Plant | None = None,
+    keys: UInt32[np.ndarray, "n 2"] | None = None,
 ) -> Iterator[tuple[np.ndarray, Rollout]]:
     """Run n episodes and yield them as they end.
 
@@ -64,6 +88,7 @@ def stream(
         time_limits: [s].
         watch: called after every advance with the episode in each slot, shape (count,), -1 where there is none.
         plants: the n robots; by default they are as the slots' model says.
+        keys: of what is random in the episodes; by default all the same.
 
     Yields:
         Indices, shape (k,), of the episodes that have just ended, and their results.
@@ -75,7 +100,8 @@ def stream(
         if len(free):
             episodes = np.arange(begun, begun + len(free))
             robots = None if plants is None else plants.of(episodes)
-            slots.begin(free, qpos[episodes], time_limits[episodes], robots)
+            of_robots = None if keys is None else keys[episodes]
+            slots.begin(free, qpos[episodes], time_limits[episodes], robots, of_robots)
             holds[free] = episodes
             begun += len(free)
         if (holds < 0).all():

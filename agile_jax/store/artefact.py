@@ -99,7 +99,7 @@ KINEMATIC_TEST = Artefact(
 )
 EPISODES = Artefact(
     "episodes",
-    ("seed", "scene", "expert", "policy", "robot.legs", "robot.joints", "plant", "control", "evaluation"),
+    ("seed", "scene", "expert", "policy", "robot.legs", "robot.joints", "plant", "sensors", "control", "evaluation"),
     version=3,
     without_effect=(
         "evaluation.name",
