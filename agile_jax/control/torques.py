@@ -2,7 +2,9 @@
 
 A standing leg applies -J' f, the reaction of the planned ground force. A swinging leg follows its path by joint PD.
 Both get the torque that holds the legs' weight and the torque that the joints' own damping and friction would eat:
-left out, they are as large as the planned torques themselves (2 Nm s/rad at 4 rad/s).
+left out, they are as large as the planned torques themselves (2 Nm s/rad at 4 rad/s). A standing leg gets it for the
+velocity that is planned: for the measured one it would be positive feedback, and negative damping where the joints have
+less than is believed. In a swinging leg the joint feedback is damping enough.
 """
 
 from typing import NamedTuple
@@ -29,8 +31,6 @@ from agile_jax.robot import (
 )
 
 JACOBIAN_DAMPING = 0.02  # of the inverse near a stretched leg [m/rad]
-
-STANCE_SHARE, SWING_SHARE = 0.0, 1.0
 
 # Of the guard before the joints' limits: how far it looks ahead [s], where it begins [rad], stiffness over the swing's.
 GUARD_TIME, GUARD_MARGIN, GUARD_STIFFNESS = 0.01, 0.02, 5.0
@@ -172,6 +172,4 @@ def whole_body_torque(
     stands = jnp.repeat(standing, 3)
     planned = stance_joint_velocity(robot, robot_state, R_world_base, jacobian, trunk_velocity)
     torque = jnp.where(stands, stance, pd) + gravity_torque(robot, robot_state.joint_pos, R_world_base)
-    share = jnp.where(stands, STANCE_SHARE, SWING_SHARE)
-    velocity = share * robot_state.joint_vel + (1 - share) * jnp.where(stands, planned, target_vel)
-    return torque + passive_torque(robot, velocity)
+    return torque + passive_torque(robot, jnp.where(stands, planned, robot_state.joint_vel))
