@@ -32,7 +32,7 @@ class EvaluationSettings(Settings):
     (NVIDIA GPUs, mujoco-mjx[warp]). pybullet: another engine, the paper's (agile_jax[pybullet]).
     """
     physics: PhysicsSettings = PhysicsSettings()
-    """How C MuJoCo steps, and PyBullet."""
+    """Steps, integrator and friction of C MuJoCo and PyBullet."""
     planner: Literal["policy", "replan", "open_loop", "open_loop_2d", "straight"] = "policy"
     """What the controller follows. policy: the learned field. replan: the expert, asked again and again from the
     measured pose. open_loop: the expert's path from the start. open_loop_2d: that of the planner that knows the plane
