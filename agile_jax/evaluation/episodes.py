@@ -18,6 +18,8 @@ from agile_jax.simulation import SUCCESS, UNSTABLE, LastStates, Recorder, Rollou
 from agile_jax.store.parts import OpenEngine
 
 FILE = 64  # episodes a file
+# At once, at least: programs compiled for one or two robots round otherwise than those for more.
+FEWEST_SLOTS = 4
 LONGEST_PART = 512  # episodes that a worker simulates as one stream
 PARTS_A_WORKER = 4  # at least, where there are enough episodes: workers end at about the same time
 PART_TIME_LIMIT_S = 3600.0  # after which a part counts as hung: a hundred times what it takes on one core
@@ -34,6 +36,11 @@ class Work(NamedTuple):
     limits: Float[np.ndarray, " n"]  # of time [s]
     push_after: Float[np.ndarray, " n"]  # [s]
     traced: int  # the first of them are recorded
+
+    @property
+    def slots(self) -> int:
+        """How many episodes run at once."""
+        return max(min(self.experiment.evaluation.batch, len(self.episodes)), FEWEST_SLOTS)
 
     def part(self, rows: slice) -> "Work":
         """Some of the episodes; `rows` has no negative numbers."""
@@ -90,7 +97,7 @@ def simulate(backend: Backend, work: Work, recorder: Recorder) -> Iterator[Ended
 def simulate_here(work: Work, kept: KeptEvaluation, threads: int, progress: Progress) -> None:
     """Simulate in this process and keep what has ended, file by file."""
     count, there = len(work.episodes), work.experiment.evaluation.episodes - len(work.episodes)
-    backend = make_backend(work.experiment, work.parameters, min(work.experiment.evaluation.batch, count), threads)
+    backend = make_backend(work.experiment, work.parameters, work.slots, threads)
     recorder = Recorder(backend.slots, work.traced)
     recorded = set(work.episodes[: work.traced].tolist())
     waiting: list[Columns] = []
@@ -156,7 +163,7 @@ _BACKENDS: dict[tuple[str, int], Backend] = {}  # of this worker, the last one: 
 @on_one_blas_thread
 def simulate_part(work: Work) -> PartResult:
     """Simulate a part on one core. Runs in a worker."""
-    batch, begun = min(work.experiment.evaluation.batch, len(work.episodes)), time.perf_counter()
+    batch, begun = work.slots, time.perf_counter()
     if (work.key, batch) not in _BACKENDS:
         _BACKENDS.clear()
         _BACKENDS[work.key, batch] = make_backend(work.experiment, work.parameters, batch, 1)
