@@ -102,11 +102,16 @@ def test_a_reader_that_leaves_is_no_error(folder: pathlib.Path) -> None:
 
 
 def test_the_light_commands_load_no_jax(folder: pathlib.Path) -> None:
-    for arguments in (["--help"], ["schema"], ["run", "good.toml", "--dry-run"]):
+    # How low and fast the robot can crouch is worked out from its file, which MuJoCo reads.
+    for arguments, heavy in (
+        (["--help"], {"jax", "mujoco", "matplotlib", "casadi"}),
+        (["schema"], {"jax", "mujoco", "matplotlib", "casadi"}),
+        (["run", "good.toml", "--dry-run"], {"jax", "matplotlib", "casadi"}),
+    ):
         program = (
             "import sys\nfrom agile_jax.cli import main\n"
             f"assert main({arguments!r}) == 0\n"
-            "assert not {'jax', 'mujoco', 'matplotlib', 'casadi'} & set(sys.modules)"
+            f"assert not {heavy} & set(sys.modules)"
         )
         subprocess.run([sys.executable, "-c", program], check=True, stdout=subprocess.DEVNULL, env=dict(os.environ))
 

@@ -36,7 +36,8 @@ def write(
         directory: new or empty.
         trajectories: of one number of intervals T: times (T+1,) [s]; states (T+1, 8), pose and rates [m, rad, m/s,
             rad/s]; controls (T, 4), constant over an interval, or (T+1, 4), linear between nodes [m/s^2, rad/s^2].
-        scene: which they must keep clear of; its target is where they end.
+        scene: which they must keep clear of; its target is where they end. If a run is to go on from them, give
+            `experiment.scene`: an experiment works out how low and fast its robot can crouch.
         expert: whose bounds, margin, end conditions and transcription they must keep.
         targets: poses where they end [m, rad], if not at the scene's target.
         seed: of the split in training, validation and test.

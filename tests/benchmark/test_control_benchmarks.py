@@ -11,6 +11,7 @@ import agile_jax.benchmark.tracking as tracking_benchmark
 from agile_jax.benchmark.workloads.disturbance import Disturbance
 from agile_jax.control import ControlSettings
 from agile_jax.experiment import load_experiment
+from agile_jax.robot import PlantSettings
 
 
 def test_the_mpc_benchmark_finds_the_optimum_with_every_method(monkeypatch: pytest.MonkeyPatch):
@@ -28,7 +29,9 @@ def test_the_mpc_benchmark_finds_the_optimum_with_every_method(monkeypatch: pyte
 
 def test_the_tracking_benchmark_has_a_row_for_each_disturbance(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(tracking_benchmark, "TRACKING", {"forward": tracking_benchmark.NOMINAL})
-    monkeypatch.setattr(tracking_benchmark, "ROBUSTNESS", {"slippery": Disturbance(foot_friction=0.4)})
+    monkeypatch.setattr(
+        tracking_benchmark, "ROBUSTNESS", {"slippery": Disturbance(plant=PlantSettings(foot_friction=0.4))}
+    )
     result = tracking_benchmark.benchmark_tracking(load_experiment(table()), 2, 1.2, 0.2, threads=1)
     rows = result["rows"]
     assert [(row["episodes"], row["survived"], row["disturbed"]) for row in rows.values()] == [

@@ -41,9 +41,9 @@ def test_what_is_written_is_what_is_loaded(reference, trajectories, tmp_path):
 
 def test_a_run_goes_on_from_labels_made_elsewhere(trajectories, tmp_path):
     folder = tmp_path / "run/dataset"
-    written = write(folder, trajectories, SCENE, EXPERT)
-    shard = (folder / "shard-00000.npz").read_bytes()
     experiment = Experiment(name="n", scene=SCENE, expert=EXPERT)
+    written = write(folder, trajectories, experiment.scene, EXPERT)
+    shard = (folder / "shard-00000.npz").read_bytes()
     for reused in (False, True):
         result = pipeline.run(experiment, tmp_path / "run", ("dataset",), engine="tcp://127.0.0.1:1")["dataset"]
         assert result.reused == reused

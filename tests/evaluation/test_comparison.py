@@ -67,7 +67,7 @@ def test_every_episode_is_in_one_route_and_one_distance():
 
 
 def test_cost_of_transport_is_work_over_weight_and_way():
-    columns = {name: np.zeros(2) for name in ("min_clearance", "min_envelope_clearance")}
+    columns = {name: np.zeros(2) for name in ("min_clearance", "min_envelope_clearance", "min_self_clearance")}
     columns |= {"velocity_tracking_rmse": np.zeros(2), "torque_saturation": np.zeros(2)}
     columns |= {"success": np.array([True, True]), "arrival_time": np.ones(2)}
     columns |= {"expert_time": np.ones(2), "expert_arrival_time": np.ones(2)}
